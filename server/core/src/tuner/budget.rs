@@ -64,7 +64,7 @@ pub struct Account {
     session: u64,
     /// The session's own policy.
     #[serde(default, skip_serializing_if = "SessionPolicy::is_empty")]
-    policy: SessionPolicy,
+    pub(super) policy: SessionPolicy,
     /// Trials from this number on are of this session.
     first_trial: u64,
     /// The number of trials handed out in this session.
@@ -140,20 +140,8 @@ impl Account {
         self.session == session
     }
 
-    pub(super) fn policy(&self) -> SessionPolicy {
-        self.policy
-    }
-
-    pub(super) fn set_policy(&mut self, policy: SessionPolicy) {
-        self.policy = policy;
-    }
-
-    /// Forgets the references of the client's state: it is as new when the client asks again.
-    pub(super) fn leave_state(&mut self) {
-        self.enter(0);
-    }
-
-    /// Notes the client's state. Unsettled trials of other states stay charged in full.
+    /// Notes the client's state, or 0 for none, as which it is new when the client asks again. Unsettled trials
+    /// of other states stay charged in full.
     pub(super) fn enter(&mut self, state_id: u64) {
         if self.state_id != state_id {
             self.state_id = state_id;

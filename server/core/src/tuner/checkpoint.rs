@@ -96,13 +96,13 @@ impl Tuner {
             body: Body {
                 completed: self.completed,
                 results: self.states.known().iter().map(|state| Arc::clone(&state.results)).collect(),
-                pooling: self.states.machines().pooling(),
+                pooling: self.states.machines.pooling(),
                 statistics: self.states.indicator_statistics().clone(),
                 history: self.history.clone(),
                 forget_above: self.states.forget_above(),
                 predictor: self.spec.policy.predictor,
-                models_since: self.models.since(),
-                predictors: self.models.predictors().clone(),
+                models_since: self.models.since,
+                predictors: self.models.predictors.clone(),
                 speeds: self.speeds.clone(),
                 rechecks: self.rechecks.clone(),
                 auxiliaries: self.auxiliaries.clone(),
@@ -130,7 +130,7 @@ impl Tuner {
         if body.statistics.width() != self.states.indicator_statistics().width() {
             return Err("it is of other indicators".into());
         }
-        if body.pooling.len() > self.states.machines().len() {
+        if body.pooling.len() > self.states.machines.len() {
             return Err("it knows machines that do not exist".into());
         }
         let space = &self.spec.space;
@@ -143,12 +143,11 @@ impl Tuner {
         if !(tables && corrections && body.predictors.settle(space)) {
             return Err("it does not fit its study".into());
         }
-        let current =
-            body.predictor == self.spec.policy.predictor && body.models_since == self.models.since();
+        let current = body.predictor == self.spec.policy.predictor && body.models_since == self.models.since;
         let needed = Predictors::are_needed(self.spec.policy.predictor);
         if current {
-            self.models.take_over(body.predictors);
-        } else if needed && checkpoint.completion > self.models.since() {
+            self.models.predictors = body.predictors;
+        } else if needed && checkpoint.completion > self.models.since {
             return Err("it lacks the models that the policy needs".into());
         }
         (self.completed, self.last_completion) = (body.completed, checkpoint.completion);
@@ -221,7 +220,7 @@ mod tests {
             let results =
                 |tuner: &Tuner| tuner.states.known().iter().map(|s| s.results.clone()).collect::<Vec<_>>();
             assert_eq!(results(&back), results(&tuner));
-            assert_eq!(back.models.predictors(), tuner.models.predictors());
+            assert_eq!(back.models.predictors, tuner.models.predictors);
             assert_eq!(back.history, tuner.history);
             assert_eq!(
                 (back.statistics(), back.states.remembered()),

@@ -21,23 +21,23 @@ use crate::tuner::{Ask, Question, Tuner, VisitDecision};
 impl Tuner {
     /// From now on reports defer the models' long updates: see [`Tuner::deferred_updates`].
     pub fn defer_updates(&mut self) {
-        self.models.defer();
+        self.models.defers = true;
     }
 
     /// The updates that reports have deferred, to be computed apart; `None` where there are none. A later
     /// report computes overdue ones.
     pub fn deferred_updates(&self) -> Option<DeferredUpdates> {
-        self.models.deferred()
+        self.models.predictors.deferred()
     }
 
     /// Whether reports have deferred anything.
     pub fn has_deferred_updates(&self) -> bool {
-        self.models.has_deferred()
+        self.models.predictors.deferred_count() > 0
     }
 
     /// Takes over updates that were computed apart, unless another caller was faster.
     pub fn apply_updates(&mut self, updates: ComputedUpdates) {
-        self.models.apply(updates);
+        self.models.predictors.apply(updates);
     }
 
     /// The computation that a question needs to be answered quickly; `None` where it needs none. `may_plan`
@@ -48,7 +48,7 @@ impl Tuner {
         if policy.pinned.is_some() {
             return None;
         }
-        let machines = self.states.machines();
+        let machines = &self.states.machines;
         let found = machines.find(ask.fingerprint.as_ref());
         // A machine that is new is known by the time of the question.
         let grown = found.is_none().then(|| {
@@ -61,7 +61,7 @@ impl Tuner {
             None => (machines, found.unwrap_or_default()),
         };
         let query = || Query { machines, machine, ..self.states.query(&self.spec.space, normalised, here) };
-        let (predictor, predictors) = (policy.predictor, self.models.predictors());
+        let (predictor, predictors) = (policy.predictor, &self.models.predictors);
         let ground = self.ground(&ask.session_policy);
         let answer = || {
             if ground == Ground::Measured || !transfer.needs_predictor(here) {
@@ -148,7 +148,7 @@ impl Tuner {
         let query = Query { rival: Some(&measured.configuration), ..query };
         let predicts = self.ground(&SessionPolicy::default()) == Ground::Predicted;
         let asks = predicts && self.transfer().needs_predictor(here);
-        let predictors = self.models.predictors();
+        let predictors = &self.models.predictors;
         let portfolio = self.transfer().evidence_elsewhere(&normalised, here);
         let answer = asks.then(|| predictors.request(self.spec.policy.predictor, &query)).flatten();
         let answers = self.state_that_answers(&query, here);

@@ -151,7 +151,7 @@ fn happen(tuner: &mut Tuner, rows: &mut Rows, event: &Event, now_ms: &mut i64) -
             let client_id = format!("client {client}");
             let (can_abort, fidelities) = (*client > 0, *client < 2);
             let question = Ask { session, can_abort, fidelities, fingerprint, ..ask(&client_id, x, y) };
-            let answer = match tuner.models.defers() {
+            let answer = match tuner.models.defers {
                 true => plan_apart(tuner, &question, *now_ms),
                 false => tuner.suggest(&question, *now_ms),
             };
@@ -170,7 +170,7 @@ fn happen(tuner: &mut Tuner, rows: &mut Rows, event: &Event, now_ms: &mut i64) -
         }
         Event::Policy { which } => {
             if tuner.set_policy(policy(*which)).expect("valid") {
-                let defers = tuner.models.defers();
+                let defers = tuner.models.defers;
                 *tuner = rows.restore(tuner, None);
                 if defers {
                     tuner.defer_updates();

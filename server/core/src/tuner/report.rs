@@ -191,7 +191,7 @@ impl Tuner {
             if let Some(normalised) = &normalised {
                 // The predictors are asked before they learn anything of the trial.
                 let query = self.states.query(&spec.space, normalised, Some(state));
-                self.models.test(&query, &trial.configuration, cost);
+                self.models.predictors.test(&query, &trial.configuration, cost);
             }
             let default = spec.space.default_ref();
             transfer::compare(&mut self.states, default, state, &trial.configuration, cost);
@@ -314,9 +314,9 @@ impl Tuner {
         self.states.amend(state, |results| {
             results.note_disturbance();
             for one in unheld {
-                match restated.iter().find(|(configuration, _)| configuration == one.configuration()) {
+                match restated.iter().find(|(configuration, _)| *configuration == one.configuration.0) {
                     Some((configuration, costs)) => results.restate(configuration, costs),
-                    None => results.take_back(one.configuration(), one.trial, one.cost),
+                    None => results.take_back(&one.configuration.0, one.trial, one.cost),
                 }
             }
         });

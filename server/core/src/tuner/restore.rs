@@ -99,7 +99,7 @@ impl Restoring {
     /// Goes on to a completion, with its trial unless that is passed over.
     fn step(&mut self, completion: u64, trial: Option<&Trial>) {
         // Trials in between may be gone.
-        let since = self.tuner.models.since();
+        let since = self.tuner.models.since;
         self.taught = self.taught.filter(|_| completion <= since);
         if !self.models_begun && completion > since {
             self.tuner.reach(since);
@@ -129,7 +129,7 @@ impl Restoring {
     /// Begins the models once the tables have reached their completion.
     fn begin_models(&mut self) {
         let tuner = &mut self.tuner;
-        let since = tuner.models.since();
+        let since = tuner.models.since;
         if self.models_begun || tuner.last_completion != since {
             return;
         }
@@ -145,7 +145,7 @@ impl Restoring {
     pub fn finish(self, open: impl IntoIterator<Item = Trial>) -> Result<Tuner, RestoreError> {
         let mut tuner = self.tuner;
         if self.taught.is_some() || !self.models_begun {
-            let since = tuner.models.since();
+            let since = tuner.models.since;
             return Err(inconsistent(format!(
                 "the models begin at completion {since}, which does not exist"
             )));

@@ -45,7 +45,6 @@ impl Tuner {
 
     /// Whether the last decision for a client was taken under another session policy.
     pub(super) fn has_other_wishes(&self, client_id: &str, session: &SessionPolicy) -> bool {
-        self.visits.account(client_id).map_or(SessionPolicy::default(), |account| account.policy())
-            != *session
+        self.visits.account(client_id).map_or(SessionPolicy::default(), |account| account.policy) != *session
     }
 }

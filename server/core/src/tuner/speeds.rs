@@ -39,14 +39,8 @@ const FACTOR_LEAST: f64 = 2.0;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Unheld {
     pub(super) trial: u64,
-    configuration: Stored,
+    pub(super) configuration: Stored,
     pub(super) cost: f64,
-}
-
-impl Unheld {
-    pub(super) fn configuration(&self) -> &Configuration {
-        &self.configuration.0
-    }
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -221,6 +215,6 @@ impl Speeds {
     /// Whether the configurations that it names are of the space.
     pub(super) fn fits(&self, space: &crate::space::Space) -> bool {
         let mut unheld = self.clients.values().flat_map(|client| &client.unheld);
-        unheld.all(|one| space.owns(one.configuration()))
+        unheld.all(|one| space.owns(&one.configuration.0))
     }
 }

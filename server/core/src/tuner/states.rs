@@ -30,7 +30,7 @@ pub(crate) struct States {
     /// The index of the anchors.
     index: StateIndex,
     /// The machines that measured in these states.
-    machines: Machines,
+    pub(super) machines: Machines,
     /// The most by which an indicator of a recognised state differs from its anchor, as a share of its range.
     tolerance: f64,
     default: Configuration,
@@ -100,16 +100,6 @@ impl States {
 
     pub(super) fn results(&self, id: StateId) -> &ResultTable {
         &self[id].results
-    }
-
-    /// The machines of the study.
-    pub(super) fn machines(&self) -> &Machines {
-        &self.machines
-    }
-
-    /// The machines, to learn from measurements.
-    pub(super) fn machines_mut(&mut self) -> &mut Machines {
-        &mut self.machines
     }
 
     /// The machine that alone measures in a state.

@@ -58,13 +58,13 @@ impl Tuner {
     /// The place in the order of completion at which the models in use were begun; to be stored with the
     /// policy.
     pub fn models_since(&self) -> u64 {
-        self.models.since()
+        self.models.since
     }
 
     /// The mean error of each predictor in this study, with its 95 % interval, see
     /// [`prequential`](crate::predict::prequential). `Auto` stands for the choice among them.
     pub fn predictor_errors(&self) -> Vec<(PredictorMethod, ErrorInterval)> {
-        self.models.errors()
+        self.models.predictors.errors()
     }
 
     pub(super) fn recognised<'a>(&self, ask: &'a Ask, normalised: Vec<f64>) -> Question<'a> {

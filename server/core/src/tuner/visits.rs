@@ -94,7 +94,7 @@ impl Visits {
     /// For how many trials the client that came to a state last wants it to be searched, if it says so.
     pub(super) fn room(&self, state: StateId) -> Option<usize> {
         let last = self.of(self.ages.latest(state.0)?)?;
-        last.account.as_ref()?.policy().trials_per_state.map(|room| room as usize)
+        last.account.as_ref()?.policy.trials_per_state.map(|room| room as usize)
     }
 
     /// Begins a visit, which takes over the client's account.
@@ -127,7 +127,7 @@ impl Visits {
         let (mut forgotten, mut changed) = (Vec::new(), Vec::new());
         for visit in self.by_client.values_mut().filter(|visit| visit.state_id == state.0) {
             if let Some(account) = &mut visit.account {
-                account.leave_state();
+                account.enter(0);
                 if let VisitDecision::Exploit { exploit, .. } = &mut visit.decision {
                     // A study that is tuned does not keep what was exploited while it was frozen.
                     exploit.rule = ExploitRule::Frozen;
@@ -156,7 +156,7 @@ impl Visits {
         let current = visit.account.take().filter(|account| account.is_of(ask.session));
         visit.account = wanted.then(|| current.unwrap_or_else(|| Account::open(ask.session, last.0 + 1)));
         if let Some(account) = &mut visit.account {
-            account.set_policy(ask.session_policy);
+            account.policy = ask.session_policy;
             account.enter(state.0);
             // The visit is stored in any case, so its age may be updated.
             self.ages.remove(visit);

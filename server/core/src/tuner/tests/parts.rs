@@ -45,9 +45,9 @@ fn updates_of_which_somebody_was_faster_are_dropped() {
     let (slow, fast) = (tuner.deferred_updates().expect("some"), tuner.deferred_updates().expect("some"));
     tuner.apply_updates(fast.compute(&space));
     assert!(!tuner.has_deferred_updates() && tuner.deferred_updates().is_none());
-    let after = tuner.models.predictors().clone();
+    let after = tuner.models.predictors.clone();
     tuner.apply_updates(slow.compute(&space));
-    assert_eq!(tuner.models.predictors(), &after);
+    assert_eq!(tuner.models.predictors, after);
 }
 
 #[test]
@@ -62,7 +62,7 @@ fn a_state_is_untouched_until_something_runs_in_it() {
     // Where something is known, nothing is proposed to begin with.
     assert!(tuner.transfer().first(there, 99, &[0.1, 0.5], &Planned::AtOnce).is_none());
     let query = tuner.states.query(&tuner.spec.space, &[0.9, 0.5], Some(here));
-    let answer = tuner.models.predictors().predict(PredictorMethod::Contextual, &query);
+    let answer = tuner.models.predictors.predict(PredictorMethod::Contextual, &query);
     let (answer, method) = answer.expect("another state is known");
     assert_eq!(method, PredictorMethod::Contextual);
     assert!(answer.neighbours.iter().any(|neighbour| neighbour.state_id == there.get()), "{answer:?}");
@@ -106,7 +106,7 @@ fn updates_that_nobody_computes_are_not_put_off_without_end() {
     let mut put_off = Vec::new();
     for number in 0..4 * DEFERRED_UPDATES_MAX {
         run(&mut tuner, "a", 0.01 * (number % 97) as f64, 0.5, 1);
-        put_off.push(tuner.models.predictors().deferred_count());
+        put_off.push(tuner.models.predictors.deferred_count());
     }
     let most = put_off.iter().copied().max();
     assert!(most.is_some_and(|most| most > 1 && most <= DEFERRED_UPDATES_MAX), "{put_off:?}");
@@ -131,7 +131,7 @@ fn models_learn_what_a_trial_would_have_cost_on_the_first_machine() {
         frame(2, 3.0, 0.3 + 0.05 * f64::from(step));
     }
     let query = tuner.states.query(&tuner.spec.space, &[0.6, 0.5], None);
-    let answer = tuner.models.predictors().predict(PredictorMethod::Contextual, &query);
+    let answer = tuner.models.predictors.predict(PredictorMethod::Contextual, &query);
     let (answer, _) = answer.expect("states are known");
     let cost = answer.expected.cost;
     assert!((8.0..13.0).contains(&cost), "{cost}, where the second machine measured 30");

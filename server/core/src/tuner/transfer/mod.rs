@@ -66,7 +66,7 @@ impl<'a> Transfer<'a> {
     ) -> Option<(Answer, PredictorMethod)> {
         let method = self.spec.policy.predictor;
         let query = Query { rival: Some(rival), ..self.query(normalised, here) };
-        let predictors = self.models.predictors();
+        let predictors = &self.models.predictors;
         let answer = match planned.of_predictors(normalised) {
             None => predictors.predict(method, &query),
             Some(planned) => predictors.predict_ahead(method, &query, planned.answer),
@@ -83,7 +83,7 @@ impl<'a> Transfer<'a> {
         if method == PredictorMethod::Contextual {
             return true;
         }
-        let known = query.rival.and_then(|rival| self.models.predictors().estimate(method, query, rival));
+        let known = query.rival.and_then(|rival| self.models.predictors.estimate(method, query, rival));
         let Some(known) = known else { return false };
         let change = Posterior {
             mean: answer.expected.cost - known.cost,
@@ -115,7 +115,7 @@ impl<'a> Transfer<'a> {
             return None;
         }
         let (method, query) = (self.spec.policy.predictor, self.query(normalised, Some(state)));
-        let predictors = self.models.predictors();
+        let predictors = &self.models.predictors;
         match planned.of_predictors(normalised) {
             None => predictors.propose(method, &query, number),
             Some(planned) => predictors.propose_ahead(method, &query, number, planned.first),

@@ -100,7 +100,7 @@ impl OtherMachine {
                 weight += share;
             }
         }
-        let (machines, machine) = (states.machines(), states[other].machine);
+        let (machines, machine) = (&states.machines, states[other].machine);
         assert!(machine != own.machine, "siblings are of different machines");
         let far = machines.effect(own.machine) - machines.effect(machine);
         OtherMachine {
@@ -147,7 +147,7 @@ impl<'a> OtherMachines<'a> {
 
     /// The estimate of a configuration's cost here from all its measurements; `None` where it has none.
     fn pooled(&self, baseline: Option<f64>, configuration: &Configuration) -> Option<PooledEstimate> {
-        let (machines, machine) = (self.states.machines(), self.states[self.state].machine);
+        let (machines, machine) = (&self.states.machines, self.states[self.state].machine);
         let mut sources = Vec::with_capacity(3);
         if let Some(own) = self.states.results(self.state).ran(configuration) {
             let (mean, measurements) = (log(own.mean_cost), own.measurements);
@@ -265,7 +265,7 @@ fn by_machines(peers: &OtherMachines<'_>, estimate: &PooledEstimate) -> ByMachin
         level: estimate.level,
         machines: estimate.machines as u64,
         measurements: estimate.measurements,
-        software_change: states.machines().change_of_software(states[peers.state].machine),
+        software_change: states.machines.change_of_software(states[peers.state].machine),
         neighbours: neighbours.take(NEIGHBOURS_MAX).collect(),
     }
 }
@@ -288,7 +288,7 @@ pub(in crate::tuner) fn compare(
     let (mut sum, mut count) = (0.0, 0.0);
     for peer in &peers.peers {
         if let Some(record) = states.results(peer.state).ran(configuration) {
-            sum += log(record.mean_cost) - states.machines().effect(states[peer.state].machine);
+            sum += log(record.mean_cost) - states.machines.effect(states[peer.state].machine);
             count += 1.0;
         }
     }
@@ -300,7 +300,7 @@ pub(in crate::tuner) fn compare(
         let shared = peers.peers.iter().copied().filter(|peer| peer.shared).collect();
         (baseline, OtherMachines { peers: shared, ..peers }.by_levels(configuration))
     });
-    let machines = states.machines_mut();
+    let machines = &mut states.machines;
     if let Some((baseline, estimates)) = carried {
         for (level, estimate) in estimates {
             if let Some(estimate) = estimate {
