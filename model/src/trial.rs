@@ -215,6 +215,30 @@ impl RawTrial {
 }
 
 impl<C> Trial<C> {
+    /// An open trial without an end of its lease, of which nothing more is known.
+    pub fn new(number: u64, client_id: &str, state_id: u64, configuration: C, decision: Decision) -> Self {
+        Trial {
+            number,
+            client_id: client_id.to_owned(),
+            state_id,
+            indicators: BTreeMap::new(),
+            configuration,
+            decision,
+            predicted_cost: None,
+            lease_expire_ms: 0,
+            state: TrialState::Open,
+            measurements: BTreeMap::new(),
+            cost: None,
+            outcome: None,
+            late: false,
+            create_ms: 0,
+            complete_ms: None,
+            completion: None,
+            fingerprint: None,
+            exclusion: None,
+        }
+    }
+
     /// The kind of answer.
     pub fn mode(&self) -> Mode {
         self.decision.mode()

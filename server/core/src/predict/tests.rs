@@ -1,6 +1,5 @@
 //! The promises of every predictor, run against all of them.
 
-use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use proptest::prelude::*;
@@ -94,25 +93,14 @@ impl World {
             (Outcome::Aborted { lower_bound }, _) => Verdict::AtLeast(*lower_bound),
             _ => Verdict::Infeasible,
         };
+        let (client, state_id, decision) = (node.to_string(), place as u64 + 1, Choice::Wanted.decided());
         let trial = Trial {
-            number: self.trials,
-            client_id: node.to_string(),
-            state_id: place as u64 + 1,
-            indicators: BTreeMap::new(),
-            configuration: configuration.clone(),
-            decision: Choice::Wanted.decided(),
-            predicted_cost: None,
-            lease_expire_ms: 0,
             state: TrialState::Completed,
-            measurements: BTreeMap::new(),
             cost,
             outcome: Some(outcome),
-            late: false,
-            create_ms: 0,
             complete_ms: Some(0),
             completion: Some(self.trials),
-            fingerprint: None,
-            exclusion: None,
+            ..Trial::new(self.trials, &client, state_id, configuration.clone(), decision)
         };
         Arc::make_mut(&mut self.states[place].results).learn(&trial, self.space.default_ref());
         self.state_index.note(&self.states[place]);

@@ -206,25 +206,14 @@ impl Tuner {
         prediction.decision.silent = self.is_silent(ask);
         prediction.decision.session = ask.session;
         prediction.decision.lost_leases = self.searches.lost(state, &prediction.configuration);
+        let Prediction { configuration, decision, predicted_cost, .. } = prediction;
         let trial = Trial {
-            number: number.0,
-            client_id: ask.client_id.clone(),
-            state_id: state.0,
             indicators: ask.indicators.clone(),
-            configuration: prediction.configuration,
-            decision: prediction.decision,
-            predicted_cost: prediction.predicted_cost,
+            predicted_cost,
             lease_expire_ms: now_ms.saturating_add(self.spec.policy.lease_ms()),
-            state: TrialState::Open,
-            measurements: Default::default(),
-            cost: None,
-            outcome: None,
-            late: false,
             create_ms: now_ms,
-            complete_ms: None,
-            completion: None,
             fingerprint: ask.fingerprint.clone(),
-            exclusion: None,
+            ..Trial::new(number.0, &ask.client_id, state.0, configuration, decision)
         };
         assert!(number > self.trials.last(), "{number:?} was handed out before");
         self.trials.enter(trial.clone());

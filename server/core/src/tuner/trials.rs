@@ -145,34 +145,16 @@ impl OpenTrials {
 
 #[cfg(test)]
 mod tests {
-    use std::collections::BTreeMap;
-
     use super::*;
     use crate::decision::Choice;
     use crate::policy::Policy;
-    use crate::trial::TrialState;
     use crate::tuner::tests::spec;
 
     fn trial(number: u64, client_id: &str, state_id: u64, lease_expire_ms: i64) -> Trial {
+        let default = spec(Policy::default()).space.default_configuration();
         Trial {
-            number,
-            client_id: client_id.into(),
-            state_id,
-            indicators: BTreeMap::new(),
-            configuration: spec(Policy::default()).space.default_configuration(),
-            decision: Choice::Wanted.decided(),
-            predicted_cost: None,
             lease_expire_ms,
-            state: TrialState::Open,
-            measurements: BTreeMap::new(),
-            cost: None,
-            outcome: None,
-            late: false,
-            create_ms: 0,
-            complete_ms: None,
-            completion: None,
-            fingerprint: None,
-            exclusion: None,
+            ..Trial::new(number, client_id, state_id, default, Choice::Wanted.decided())
         }
     }
 

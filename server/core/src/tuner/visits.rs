@@ -170,22 +170,24 @@ impl Visits {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::decision::{BudgetStatus, Exploit, ExploitSource, ExplorationEstimate, ExploreRule};
+    use crate::decision::{ExploitSource, ExplorationEstimate, ExploreRule};
     use crate::session::SessionPolicy;
     use crate::space::Space;
     use crate::tuner::budget::{Denied, Terms};
+    use crate::tuner::proposal::Exploitation;
+
+    /// A visit that explores.
+    fn visit(client: &str, state_id: u64, since: u64) -> Visit {
+        let estimate = ExplorationEstimate::default();
+        let decision = VisitDecision::Explore { rule: ExploreRule::Dice, estimate };
+        Visit { client_id: client.to_owned(), state_id, number: 1, since, decision, account: None }
+    }
 
     #[test]
     fn who_was_decided_for_longest_ago_is_forgotten_first() {
         let mut visits = Visits::default();
-        let mut begin = |client: &str, since| {
-            let decision =
-                VisitDecision::Explore { rule: ExploreRule::Dice, estimate: ExplorationEstimate::default() };
-            let client_id = client.to_owned();
-            visits.begin(Visit { client_id, state_id: 1, number: 1, since, decision, account: None });
-        };
         for (client, since) in [("a", 1), ("b", 2), ("c", 3), ("a", 4)] {
-            begin(client, since);
+            visits.begin(visit(client, 1, since));
         }
         assert_eq!(visits.len(), 3);
         visits.note_held("b", true);
@@ -199,10 +201,7 @@ mod tests {
         assert_eq!((visits.forget_oldest().as_deref(), visits.forget_oldest()), (Some("a"), None));
         assert_eq!(visits.len(), 0);
         // Who holds a trial already when it comes is not forgotten either.
-        let decision =
-            VisitDecision::Explore { rule: ExploreRule::Dice, estimate: ExplorationEstimate::default() };
-        let client_id = "stranger".to_owned();
-        visits.begin(Visit { client_id, state_id: 1, number: 1, since: 5, decision, account: None });
+        visits.begin(visit("stranger", 1, 5));
         assert_eq!((visits.forget_oldest(), visits.len()), (None, 1));
     }
 
@@ -212,10 +211,7 @@ mod tests {
         let mut come = |client: &str, state_id, since, room| {
             let session_policy = SessionPolicy { trials_per_state: room, ..SessionPolicy::default() };
             let ask = Ask { client_id: client.into(), session_policy, ..Ask::default() };
-            let decision =
-                VisitDecision::Explore { rule: ExploreRule::Dice, estimate: ExplorationEstimate::default() };
-            let client_id = client.to_owned();
-            visits.begin(Visit { client_id, state_id, number: 1, since, decision, account: None });
+            visits.begin(visit(client, state_id, since));
             visits.keep_account(&ask, &Policy::default(), StateId(state_id), TrialNumber(since));
             [1, 2, 3].map(|state| visits.room(StateId(state)))
         };
@@ -231,24 +227,12 @@ mod tests {
         let mut visits = Visits::default();
         let policy = Policy { regret_budget: Some(0.1), ..Policy::default() };
         let ask = |session| Ask { client_id: "a".into(), session, ..Ask::default() };
-        let begin = |visits: &mut Visits, state_id| {
-            let decision =
-                VisitDecision::Explore { rule: ExploreRule::Dice, estimate: ExplorationEstimate::default() };
-            visits.begin(Visit {
-                client_id: "a".into(),
-                state_id,
-                number: 1,
-                since: 0,
-                decision,
-                account: None,
-            });
-        };
         visits.keep_account(&ask(7), &policy, StateId(1), TrialNumber(0));
         assert!(visits.account("a").is_none(), "nobody is there yet");
-        begin(&mut visits, 1);
+        visits.begin(visit("a", 1, 0));
         visits.keep_account(&ask(7), &policy, StateId(1), TrialNumber(0));
         visits.account_mut("a").expect("there is a budget").report(1, 1, Some(10.0), true);
-        begin(&mut visits, 2);
+        visits.begin(visit("a", 2, 0));
         visits.keep_account(&ask(7), &policy, StateId(2), TrialNumber(1));
         assert_eq!(visits.state_of("a"), Some(StateId(2)));
         assert_eq!(
@@ -268,17 +252,10 @@ mod tests {
         let policy = Policy { regret_budget: Some(0.1), ..Policy::default() };
         let space = Space::builder().integer("a", 0..=9).default(4).build().expect("valid");
         for (client, state_id, has_account) in [("a", 1, true), ("b", 1, false), ("c", 2, true)] {
-            let exploit = Box::new(Exploit {
-                source: ExploitSource::Default,
-                rule: ExploitRule::Dice,
-                estimate: ExplorationEstimate::default(),
-                budget: BudgetStatus::default(),
-            });
-            let configuration = space.default_configuration();
-            let decision =
-                VisitDecision::Exploit { configuration, predicted_cost: None, exploit, said: None };
-            let client_id = client.to_owned();
-            visits.begin(Visit { client_id, state_id, number: 1, since: 0, decision, account: None });
+            let (configuration, source) = (space.default_configuration(), ExploitSource::Default);
+            let own = Exploitation { configuration, predicted_cost: None, source, rolled_back: false };
+            let decision = own.kept(ExploitRule::Dice, ExplorationEstimate::default());
+            visits.begin(Visit { decision, ..visit(client, state_id, 0) });
             if has_account {
                 let ask = Ask { client_id: client.into(), ..Ask::default() };
                 visits.keep_account(&ask, &policy, StateId(state_id), TrialNumber(0));

@@ -132,30 +132,19 @@ pub(crate) fn open(number: u64) -> Trial {
         ("quality".to_owned(), Value::Text("high".to_owned())),
         ("compact".to_owned(), Value::Boolean(true)),
     ]);
+    let configuration = spec().space.configuration(configuration).expect("valid");
     Trial {
-        number,
-        client_id: "renderer".to_owned(),
-        state_id: 1,
         indicators: BTreeMap::from([("triangles".to_owned(), 0.1 + 0.2)]),
-        configuration: spec().space.configuration(configuration).expect("valid"),
-        decision: decided(Mode::Explore),
         predicted_cost: Some(1.0 / 3.0),
         lease_expire_ms: 60_000,
-        state: TrialState::Open,
-        measurements: BTreeMap::new(),
-        cost: None,
-        outcome: None,
-        late: false,
         create_ms: 1_000,
-        complete_ms: None,
-        completion: None,
         fingerprint: Some(Fingerprint {
             cpu_model: "a \"fast\" one".to_owned(),
             isa: "avx512".to_owned(),
             threads: 2,
             software: BTreeMap::from([("embree".to_owned(), "4.4.0".to_owned())]),
         }),
-        exclusion: None,
+        ..Trial::new(number, "renderer", 1, configuration, decided(Mode::Explore))
     }
 }
 

@@ -5,7 +5,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 use super::*;
-use crate::decision::{BudgetStatus, Exploit, ExploitRule, ExploitSource, ExplorationEstimate, Predicted};
+use crate::decision::Predicted;
 use crate::policy::Operation;
 use crate::randomness::standard_normal;
 use crate::session::SessionPolicy;
@@ -132,20 +132,8 @@ fn a_kept_prediction_does_not_outlive_exploring() {
         let _ = tuner.abandon(&trial).expect("it was open");
         let configuration = tuner.spec().space.decode(&[0.9, 0.1, 0.2, 0.3]);
         let (predictor, neighbours) = (PredictorMethod::Contextual, Vec::new());
-        let exploit = Exploit {
-            source: ExploitSource::Predictor(Predicted { predictor, expected: (3.0, 0.1), neighbours }),
-            rule: ExploitRule::Dice,
-            estimate: ExplorationEstimate::default(),
-            budget: BudgetStatus::default(),
-        };
-        let decision = VisitDecision::Exploit {
-            configuration: configuration.clone(),
-            predicted_cost: Some(3.0),
-            exploit: Box::new(exploit),
-            said: None,
-        };
-        let visit = tuner.visits.of("a").expect("it came").clone();
-        tuner.visits.begin(Visit { decision, ..visit });
+        let source = ExploitSource::Predictor(Predicted { predictor, expected: (3.0, 0.1), neighbours });
+        exploits(&mut tuner, "a", configuration.clone(), source, ExploitRule::Dice);
         let kept = suggest(&mut tuner, "a", 0.5, 0.5);
         assert_eq!(kept.configuration, configuration);
         let _ = tuner.abandon(&kept).expect("it was open");

@@ -92,26 +92,16 @@ fn who_finds_a_search_waiting_is_told_so() {
 
 #[test]
 fn who_was_rolled_back_explores_once_the_stay_is_long() {
-    use crate::decision::{BudgetStatus, Exploit, ExploitRule, ExploitSource, ExplorationEstimate};
     let mut tuner = tuner(Policy { epsilon: 0.2, ..explore_always() });
     run(&mut tuner, "a", 0.5, 0.5, 1);
-    let exploit = Box::new(Exploit {
-        source: ExploitSource::Default,
-        rule: ExploitRule::RolledBack,
-        estimate: ExplorationEstimate::default(),
-        budget: BudgetStatus::default(),
-    });
-    let configuration = tuner.spec().space.default_configuration();
-    let decision = VisitDecision::Exploit { configuration, predicted_cost: None, exploit, said: None };
-    let visit = tuner.visits.of("a").expect("it came").clone();
-    tuner.visits.begin(Visit { decision, ..visit });
+    let default = tuner.spec().space.default_configuration();
+    exploits(&mut tuner, "a", default, ExploitSource::Default, ExploitRule::RolledBack);
     let trials = run(&mut tuner, "a", 0.5, 0.5, 40);
     assert!(trials.iter().any(|trial| trial.mode() == Mode::Explore), "it stays at what was not worse");
 }
 
 #[test]
 fn a_client_that_stays_confirms_the_search_that_others_left() {
-    use crate::decision::{BudgetStatus, Exploit, ExploitRule, ExploitSource, ExplorationEstimate};
     let policy = Policy { confirm_rounds: 10, ..explore_always() };
     let mut tuner = tuner(policy.clone());
     run(&mut tuner, "a", 0.5, 0.5, 30);
@@ -119,16 +109,8 @@ fn a_client_that_stays_confirms_the_search_that_others_left() {
     tuner.set_policy(Policy { epsilon: 0.2, ..policy }).expect("valid");
     run(&mut tuner, "b", 0.5, 0.5, 1);
     // As if the dice had been against it when it came.
-    let exploit = Box::new(Exploit {
-        source: ExploitSource::Default,
-        rule: ExploitRule::Finished,
-        estimate: ExplorationEstimate::default(),
-        budget: BudgetStatus::default(),
-    });
-    let configuration = tuner.best(None, None).expect("valid").expect("measured").configuration;
-    let decision = VisitDecision::Exploit { configuration, predicted_cost: None, exploit, said: None };
-    let visit = tuner.visits.of("b").expect("it came").clone();
-    tuner.visits.begin(Visit { decision, ..visit });
+    let best = tuner.best(None, None).expect("valid").expect("measured").configuration;
+    exploits(&mut tuner, "b", best, ExploitSource::Default, ExploitRule::Finished);
     let trials = run(&mut tuner, "b", 0.5, 0.5, 40);
     let confirms = |trial: &Trial| trial.decision.rule() == Some(Rule::Confirming);
     assert!(trials.iter().any(confirms), "nobody would ever confirm it");

@@ -24,12 +24,14 @@ use std::sync::Arc;
 
 use super::*;
 use crate::configuration::Configuration;
+use crate::decision::{ExploitRule, ExploitSource};
 use crate::fidelity::Fidelity;
 use crate::indicator::IndicatorSchema;
 use crate::policy::{Policy, PredictorMethod, SearchMethod};
 use crate::space::{Scale, Space};
 use crate::study::StudySpec;
 use crate::trial::{Mode, Outcome, Rule, Trial, TrialState};
+use crate::tuner::proposal::Exploitation;
 use crate::value::Value;
 
 /// A study with four parameters (1280 configurations and a float) and two indicators.
@@ -96,6 +98,20 @@ fn run(tuner: &mut Tuner, client: &str, x: f64, y: f64, trials: usize) -> Vec<Tr
         finish(tuner, &trial, Outcome::Ok)
     };
     (0..trials).map(one).collect()
+}
+
+/// Lets a client keep a configuration, as if that had been decided when it came.
+fn exploits(
+    tuner: &mut Tuner,
+    client: &str,
+    configuration: Configuration,
+    source: ExploitSource,
+    rule: ExploitRule,
+) {
+    let own = Exploitation { configuration, predicted_cost: None, source, rolled_back: false };
+    let decision = own.kept(rule, Default::default());
+    let visit = tuner.visits.of(client).expect("it came").clone();
+    tuner.visits.begin(Visit { decision, ..visit });
 }
 
 /// The search alone: nothing is measured again to confirm its results or to find the speed of the machine.
