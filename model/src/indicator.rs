@@ -130,9 +130,7 @@ impl IndicatorSchema {
         let mut state = Vec::with_capacity(self.indicators.len());
         for indicator in &self.indicators {
             let name = &indicator.name;
-            let Some(&value) = values.get(name) else {
-                return Err(IndicatorError::Missing(name.clone()));
-            };
+            let Some(&value) = values.get(name) else { return Err(IndicatorError::Missing(name.clone())) };
             if !value.is_finite() {
                 return Err(IndicatorError::NotFinite { name: name.clone(), value });
             }

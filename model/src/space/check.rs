@@ -177,9 +177,7 @@ fn check_parameter(parameter: &Parameter, earlier: &[Parameter]) -> Result<Optio
             allowed: parameter.domain.to_string(),
         });
     }
-    let Some(condition) = &parameter.active_if else {
-        return Ok(None);
-    };
+    let Some(condition) = &parameter.active_if else { return Ok(None) };
     let refuse = |problem: String| SpaceError::Condition { parameter: name.clone(), problem };
     let Some(index) = earlier.iter().position(|other| other.name == condition.parameter) else {
         return Err(refuse(format!("names {:?}, which is not listed earlier", condition.parameter)));

@@ -78,9 +78,7 @@ impl Listing {
 
     /// Adds all continuations of the values that are set; `false` where there are too many.
     fn extend(&mut self, depth: usize, most: usize, partial: &mut Partial<'_>) -> bool {
-        let Some(&member) = self.members.get(depth) else {
-            return true;
-        };
+        let Some(&member) = self.members.get(depth) else { return true };
         let is_last = depth + 1 == self.members.len();
         let is_active = partial.is_active(member);
         let values = if is_active { self.values[depth].len() } else { 1 };

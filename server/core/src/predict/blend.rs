@@ -29,9 +29,7 @@ impl PredictorErrors {
     /// Notes the error of each predictor, and of the blend before it, on a measured cost. The first trial of
     /// all does not count, because no predictor had an estimate.
     pub(super) fn take(&mut self, words: &[MethodEstimate], cost: f64) {
-        let Some(blend) = self.blend(words) else {
-            return;
-        };
+        let Some(blend) = self.blend(words) else { return };
         for (method, expected) in words.iter().copied().chain([(PredictorMethod::Auto, Some(blend))]) {
             self.0.entry(method).or_default().take(error(expected, cost));
         }

@@ -227,9 +227,7 @@ impl Weighted {
         let (mut costs, mut score, mut total) = (Vec::new(), 0.0, 0.0);
         for (weight, table) in tables {
             let best = table.state.results.best().map(|best| table.factor * best.mean_cost);
-            let (Some(cost), Some(best)) = (table.cost(configuration, point), best) else {
-                continue;
-            };
+            let (Some(cost), Some(best)) = (table.cost(configuration, point), best) else { continue };
             costs.push((*weight, cost));
             // States differ in the level of costs, so a cost counts by its ratio to the state's best.
             let ratio = if best > 0.0 { (cost / best).min(f64::MAX) } else { 1.0 };
@@ -270,9 +268,7 @@ impl Predictor for Weighted {
         for record in leaders {
             let configuration = &record.configuration;
             let point = query.space.encode(configuration);
-            let Some((expected, score)) = Self::word(&tables, configuration, &point) else {
-                continue;
-            };
+            let Some((expected, score)) = Self::word(&tables, configuration, &point) else { continue };
             if best.is_none_or(|(_, _, least)| score < least) {
                 best = Some((configuration, expected, score));
             }

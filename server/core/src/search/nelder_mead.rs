@@ -294,9 +294,7 @@ impl Search for NelderMead {
     }
 
     fn tell(&mut self, id: u64, feedback: Feedback) {
-        let Some(Point { x, .. }) = self.pending.finish(id) else {
-            return;
-        };
+        let Some(Point { x, .. }) = self.pending.finish(id) else { return };
         let vertex = SimplexVertex { x: self.sized(x), score: self.score(feedback.verdict) };
         self.stale = if feedback.fresh { 0 } else { self.stale.saturating_add(1) };
         match std::mem::replace(&mut self.phase, SimplexPhase::Random) {

@@ -455,9 +455,7 @@ impl<'a> Grid<'a> {
         let mut matrix = vec![0.0; n * n];
         for (i, cell) in self.cells.iter().enumerate() {
             matrix[i * n + i] = 1.0 / cell.count + drift.map_or(0.0, |drift| drift.variance);
-            let Some((drift, now)) = drift.zip(cell.moment) else {
-                continue;
-            };
+            let Some((drift, now)) = drift.zip(cell.moment) else { continue };
             for (j, other) in self.cells[..i].iter().enumerate() {
                 if let Some(then) = other.moment.filter(|then| then.client == now.client) {
                     let distance = now.time.abs_diff(then.time) as f64;

@@ -174,9 +174,7 @@ impl CostTable {
     /// A portfolio where only some may be members, beside those that always are.
     pub fn portfolio_among(&self, among: &[usize], members: usize, always: &[usize]) -> Vec<usize> {
         let completed = self.completed();
-        let Some(count) = completed.first().map(Vec::len) else {
-            return Vec::new();
-        };
+        let Some(count) = completed.first().map(Vec::len) else { return Vec::new() };
         let rows = self.measured();
         let members = members.min(count);
         let well_known: Vec<usize> =

@@ -235,9 +235,7 @@ impl Auxiliaries {
 
     /// Takes trials back, and returns the costs of their configurations without them.
     pub(super) fn take_back(&mut self, state: StateId, trials: &[u64]) -> Restated {
-        let Some(own) = self.states.get_mut(&state.0) else {
-            return Vec::new();
-        };
+        let Some(own) = self.states.get_mut(&state.0) else { return Vec::new() };
         let is_gone = |one: &&Seen| trials.contains(&one.trial);
         let gone: Vec<Configuration> =
             own.seen.iter().filter(is_gone).map(|one| one.configuration.0.clone()).collect();

@@ -236,9 +236,7 @@ impl Account {
             }
             return;
         }
-        let Some(cost) = cost else {
-            return;
-        };
+        let Some(cost) = cost else { return };
         add(&mut self.kept, cost);
         if self.state_id == state_id {
             for charge in std::mem::take(&mut self.unsettled) {

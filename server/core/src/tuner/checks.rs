@@ -30,9 +30,7 @@ pub(super) fn origin(origin: Option<&str>) -> Result<(), TunerError> {
 }
 
 pub(super) fn fingerprint(fingerprint: Option<&Fingerprint>) -> Result<(), TunerError> {
-    let Some(Fingerprint { cpu_model, isa, software, .. }) = fingerprint else {
-        return Ok(());
-    };
+    let Some(Fingerprint { cpu_model, isa, software, .. }) = fingerprint else { return Ok(()) };
     let mut texts = [cpu_model, isa].into_iter().chain(software.iter().flat_map(|(k, v)| [k, v]));
     let fits = texts.all(|text| text.chars().count() <= FINGERPRINT_TEXT_CHARACTERS_MAX);
     if fits && software.len() <= FINGERPRINT_SOFTWARE_MAX { Ok(()) } else { Err(TunerError::Fingerprint) }

@@ -113,9 +113,7 @@ impl Confirming {
 
     /// Takes a trial out, with what it found of its contender if it found anything.
     pub(super) fn release(&mut self, trial: u64, finding: Option<Finding>) {
-        let Some(place) = self.open.remove(&trial) else {
-            return;
-        };
+        let Some(place) = self.open.remove(&trial) else { return };
         match finding {
             Some(Finding::Cost(cost)) => self.race.tell(place, cost),
             Some(Finding::Stopped { known }) if self.stopped.insert(place) => self.race.tell(place, known),

@@ -183,9 +183,7 @@ impl Exploration {
             race.release(trial, None);
         }
         assert!(!self.confirms(trial), "the race does not wait for trial {trial}");
-        let Some(point) = self.open.remove(&trial) else {
-            return false;
-        };
+        let Some(point) = self.open.remove(&trial) else { return false };
         match (&mut self.search, feedback) {
             (Some(search), Some(feedback)) => search.tell(point, feedback),
             (Some(search), None) => search.withdraw(point),

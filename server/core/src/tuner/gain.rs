@@ -67,9 +67,7 @@ impl GainEvidence<'_> {
     /// Whether a configuration does clearly worse in a state than the best measured one.
     pub(super) fn does_clearly_worse(&self, state: StateId, configuration: &Configuration) -> bool {
         let results = self.states.results(state);
-        let (Some(own), Some(best)) = (results.record(configuration), results.best()) else {
-            return false;
-        };
+        let (Some(own), Some(best)) = (results.record(configuration), results.best()) else { return false };
         // One frame is no evidence.
         if own.measurements < 2 || best.configuration == *configuration {
             return false;

@@ -50,9 +50,7 @@ impl Tuner {
     /// Counts a lost lease of an open trial's configuration, and returns their number in the state. It is 0
     /// for the default, for a measured configuration, and where the client's silence says nothing.
     fn note_lost(&mut self, number: TrialNumber) -> u32 {
-        let Some(trial) = self.trials.get(number) else {
-            return 0;
-        };
+        let Some(trial) = self.trials.get(number) else { return 0 };
         let (state, configuration) = (StateId(trial.state_id), trial.configuration.clone());
         let record = self.states.results(state).record(&configuration);
         let was_measured = record.is_some_and(|record| record.measurements > 0);

@@ -303,9 +303,7 @@ impl Tuner {
         let mut change = Change::default();
         let mut states = BTreeSet::new();
         for number in self.trials.due(now_ms) {
-            let Some(state) = self.trials.get(number).map(|trial| StateId(trial.state_id)) else {
-                continue;
-            };
+            let Some(state) = self.trials.get(number).map(|trial| StateId(trial.state_id)) else { continue };
             let before = self.searches.changes(state);
             let lost = self.lose(number, now_ms);
             change.trials.extend(lost.trials);

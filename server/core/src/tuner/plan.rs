@@ -164,9 +164,7 @@ impl Planned {
 
     /// The warm start of the search of a state with this anchor; `None` where that was not planned.
     pub(super) fn take_beginning(&mut self, state: StateId, anchor: &[f64]) -> Option<Option<WarmStart>> {
-        let Planned::Ahead(plan) = self else {
-            return None;
-        };
+        let Planned::Ahead(plan) = self else { return None };
         let SuggestionPlan { normalised, beginning, .. } = plan.as_mut();
         let is_of = |of: Option<StateId>| of.map_or(*normalised == anchor, |of| of == state);
         beginning.take_if(|(of, _)| is_of(*of)).map(|(_, beginning)| beginning)
@@ -190,9 +188,7 @@ impl Planned {
 
     /// The next point of a state's search, if it was planned.
     pub(super) fn take_point(&mut self, state: StateId) -> Option<PlannedPoint> {
-        let Planned::Ahead(plan) = self else {
-            return None;
-        };
+        let Planned::Ahead(plan) = self else { return None };
         plan.point.take_if(|(planned, _)| *planned == state).map(|(_, point)| point)
     }
 }

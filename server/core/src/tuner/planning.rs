@@ -212,9 +212,7 @@ impl Tuner {
     /// Whether the client's budget, if it has one, allows for exploring.
     fn affords(&self, ask: &Ask, state: StateId) -> bool {
         let account = self.visits.account(&ask.client_id);
-        let Some((terms, account)) = Terms::of(&self.spec.policy).zip(account) else {
-            return true;
-        };
+        let Some((terms, account)) = Terms::of(&self.spec.policy).zip(account) else { return true };
         account.leave(terms, ask.can_abort, self.default_runs(state)).is_ok()
     }
 }

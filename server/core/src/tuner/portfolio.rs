@@ -169,9 +169,7 @@ fn branches(space: &Space, table: &CostTable, candidates: &[Configuration]) -> V
     let prices = table.mean_prices();
     assert!(prices.is_empty() || prices.len() == candidates.len(), "{} prices", prices.len());
     let by_price = |a: &usize, b: &usize| prices[*a].total_cmp(&prices[*b]);
-    let Some(best) = (0..prices.len()).min_by(by_price) else {
-        return Vec::new();
-    };
+    let Some(best) = (0..prices.len()).min_by(by_price) else { return Vec::new() };
     let decides = |name: &str| {
         let mut conditions = space.parameters().iter().filter_map(|other| other.active_if.as_ref());
         conditions.any(|condition| condition.parameter == name)

@@ -221,9 +221,7 @@ impl Tuner {
         let state = StateId(trial.state_id);
         // A trial carried over from elsewhere says nothing of the speed of the machine here.
         let is_own = trial.outcome.is_some() && !is_silent(trial) && trial.decision.origin.is_none();
-        let Some(cost) = trial.cost.filter(|_| is_own) else {
-            return unchanged;
-        };
+        let Some(cost) = trial.cost.filter(|_| is_own) else { return unchanged };
         if trial.outcome != Some(Outcome::Ok) {
             let factor =
                 if self.spec.policy.track_speed { self.speeds.factor(&trial.client_id) } else { 1.0 };
@@ -373,9 +371,7 @@ impl Tuner {
     /// elsewhere.
     fn tell_of_transfer(&mut self, trial: &Trial, state: StateId, verdict: Option<Verdict>) {
         let goes_on = self.searches.of(state).is_some_and(|own| own.search.is_some());
-        let Some(verdict) = verdict.filter(|_| goes_on && trial.decision.is_from_elsewhere()) else {
-            return;
-        };
+        let Some(verdict) = verdict.filter(|_| goes_on && trial.decision.is_from_elsewhere()) else { return };
         let point = self.spec.space.encode(&trial.configuration);
         if let Some(Exploration { search: Some(search), .. }) = self.searches.change(state) {
             search.hear(point, verdict);
@@ -389,9 +385,7 @@ impl Tuner {
         if !self.searches.of(state).is_some_and(holds) {
             return;
         }
-        let Some(exploration) = self.searches.change(state) else {
-            return;
-        };
+        let Some(exploration) = self.searches.change(state) else { return };
         exploration.release(trial.number, feedback);
         self.end_spent(state);
     }
@@ -399,9 +393,7 @@ impl Tuner {
     /// Drops a spent search, which is not needed any more: the table holds its results.
     fn end_spent(&mut self, state: StateId) {
         let (results, policy): (_, &Policy) = (self.states.results(state), &self.spec.policy);
-        let Some(exploration) = self.searches.change(state) else {
-            return;
-        };
+        let Some(exploration) = self.searches.change(state) else { return };
         if exploration.open.is_empty()
             && is_spent(
                 exploration,

@@ -150,9 +150,7 @@ impl Visits {
     pub(super) fn keep_account(&mut self, ask: &Ask, policy: &Policy, state: StateId, last: TrialNumber) {
         let has_wishes = !ask.session_policy.is_empty();
         let wanted = policy.regret_budget.is_some() || policy.warm_up > 0 || has_wishes;
-        let Some(visit) = self.by_client.get_mut(&ask.client_id) else {
-            return;
-        };
+        let Some(visit) = self.by_client.get_mut(&ask.client_id) else { return };
         let current = visit.account.take().filter(|account| account.is_of(ask.session));
         visit.account = wanted.then(|| current.unwrap_or_else(|| Account::open(ask.session, last.0 + 1)));
         if let Some(account) = &mut visit.account {

@@ -127,9 +127,7 @@ impl HyperparameterUpdate {
     /// Moves lengths and noise by some steps of their posterior's gradient.
     pub(crate) fn apply(&self, hyper: &mut Hyperparameters) {
         let costs: Vec<f64> = self.examples.iter().map(|example| example.cost).collect();
-        let Some(warping) = RobustLog::of(&costs) else {
-            return;
-        };
+        let Some(warping) = RobustLog::of(&costs) else { return };
         let points: Vec<&[f64]> = self.examples.iter().map(|example| &example.features[..]).collect();
         let sample = Sample::new(self.features.kinds.clone(), &points, vec![1.0; points.len()]);
         let values: Vec<f64> = costs.iter().map(|&cost| warping.see(cost)).collect();
@@ -187,9 +185,7 @@ impl Contextual {
 
     /// Adds a lesson. Gives the update of lengths and noise that is now due, to be applied later.
     pub(super) fn note(&mut self, lesson: &Lesson<'_>) -> Option<HyperparameterUpdate> {
-        let Verdict::Cost(cost) = lesson.verdict else {
-            return None;
-        };
+        let Verdict::Cost(cost) = lesson.verdict else { return None };
         let mut features = self.features.state(lesson.state, lesson.origin);
         features.extend(self.features.features(lesson.point));
         assert_eq!(features.len(), self.features.kinds.len(), "a lesson of other features");

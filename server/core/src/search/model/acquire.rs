@@ -58,9 +58,7 @@ impl Acquisition<'_> {
     /// minus infinity where it cannot exceed `floor`.
     fn value(&self, x: &[f64], active: &[bool], best: f64, floor: f64) -> f64 {
         let features = self.layout.features(x, active);
-        let Some(cost) = self.cost else {
-            return self.log_feasible(&features);
-        };
+        let Some(cost) = self.cost else { return self.log_feasible(&features) };
         let mut covariances = Covariances::default();
         cost.covariances(&cost.context(&[]), &features, &mut covariances);
         let mean = cost.mean(&covariances);

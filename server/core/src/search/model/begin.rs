@@ -69,9 +69,7 @@ impl ModelSearch {
     /// The numbers of points that did better than the default, and clearly worse; both are 0 before the
     /// default was measured. Where the default itself serves most states best, the others hardly beat it.
     fn against_default(&self) -> (usize, usize) {
-        let Some(default) = self.default_seen().map(|seen| seen.observed.cost()) else {
-            return (0, 0);
-        };
+        let Some(default) = self.default_seen().map(|seen| seen.observed.cost()) else { return (0, 0) };
         let better = self.seen.iter().filter(|seen| seen.observed.cost() < default).count();
         let worse = self.seen.iter().filter(|seen| seen.observed.cost() > CLEARLY_WORSE * default).count();
         (better, worse)

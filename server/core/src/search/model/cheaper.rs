@@ -215,9 +215,7 @@ impl ModelSearch {
     /// Takes the result of a point at its level. What cannot run there cannot run. A point without a level,
     /// as earlier versions stored it, is asked again.
     pub(super) fn take_cheaper(&mut self, id: u64, verdict: Option<Verdict>) {
-        let Some(point) = self.pending.points().find(|point| point.id == id) else {
-            return;
-        };
+        let Some(point) = self.pending.points().find(|point| point.id == id) else { return };
         let Some(level) = point.level else {
             self.pending.withdraw(id);
             return;

@@ -412,9 +412,7 @@ impl Search for ModelSearch {
     }
 
     fn tell(&mut self, id: u64, feedback: Feedback) {
-        let Some(point) = self.pending.finish(id) else {
-            return;
-        };
+        let Some(point) = self.pending.finish(id) else { return };
         let (x, _) = self.grid(&point.x);
         let known = self.seen.iter().position(|seen| seen.x == x);
         if point.step == Step::Replicate {
