@@ -50,10 +50,9 @@ impl Space {
         Ok(space)
     }
 
-    pub(super) fn check_configuration(
-        &self,
-        mut values: RawConfiguration,
-    ) -> Result<Configuration, SpaceError> {
+    /// Checks a set of values: exactly the active parameters, each in its domain, every constraint fulfilled.
+    /// The error names the mistake.
+    pub fn configuration(&self, mut values: RawConfiguration) -> Result<Configuration, SpaceError> {
         let mut ordered: Vec<Value> = Vec::with_capacity(self.parameters.len());
         let mut active = Vec::with_capacity(self.parameters.len());
         for (index, parameter) in self.parameters.iter().enumerate() {

@@ -38,7 +38,7 @@ pub use builder::{BooleanParameter, CategoricalParameter, FloatParameter, Intege
 pub use constraint::{Constraint, ConstraintError};
 pub use revisions::{EarlierSpace, EarlierSpaces};
 
-use crate::configuration::{Configuration, RawConfiguration};
+use crate::configuration::Configuration;
 use crate::names::PARAMETER_NAME_RULE;
 use crate::space::constraint::{Extent, Node};
 use crate::space::group::Group;
@@ -333,12 +333,6 @@ impl Space {
     /// The default configuration, by reference.
     pub fn default_ref(&self) -> &Configuration {
         &self.default
-    }
-
-    /// Checks a set of values: exactly the active parameters, each in its domain, every constraint fulfilled.
-    /// The error names the mistake.
-    pub fn configuration(&self, values: RawConfiguration) -> Result<Configuration, SpaceError> {
-        self.check_configuration(values)
     }
 }
 

@@ -79,11 +79,9 @@ proptest! {
 }
 
 fn leaf_space() -> Space {
-    let parameters = vec![
-        integer("min_leaf_size", 1, 32, Scale::Linear, 1),
-        integer("max_leaf_size", 1, 32, Scale::Linear, 32),
-    ];
-    Space::new(parameters, vec![order("min_leaf_size", "max_leaf_size")]).expect("valid")
+    let space = Space::builder().integer("min_leaf_size", 1..=32).default(1);
+    let space = space.integer("max_leaf_size", 1..=32).default(32);
+    space.less_or_equal("min_leaf_size", "max_leaf_size").build().expect("valid")
 }
 
 #[test]
@@ -104,12 +102,9 @@ fn folding_keeps_uniform_points_uniform() {
 
 #[test]
 fn chains_and_unequal_domains_are_repaired_by_narrowing() {
-    let parameters = vec![
-        float("a", 0.0, 10.0, Scale::Linear, 0.0),
-        integer("b", 2, 6, Scale::Linear, 3),
-        float("c", 1.0, 5.5, Scale::Linear, 5.0),
-    ];
-    let space = Space::new(parameters, vec![order("a", "b"), order("b", "c")]).expect("valid");
+    let space = Space::builder().float("a", 0.0..=10.0).default(0.0).integer("b", 2..=6).default(3);
+    let space = space.float("c", 1.0..=5.5).default(5.0).less_or_equal("a", "b").less_or_equal("b", "c");
+    let space = space.build().expect("valid");
     let configuration = space.decode(&[1.0, 1.0, 0.0]);
     // c rises to b's lowest value, b falls to the most that c allows, a falls to b.
     assert_eq!(configuration.key(), "a=5.0;b=5;c=5.0");
@@ -117,37 +112,27 @@ fn chains_and_unequal_domains_are_repaired_by_narrowing() {
 
 #[test]
 fn the_order_of_a_range_and_a_list_of_numbers_is_repaired_to_the_nearest() {
-    let tiles = Domain::Categorical { values: [16, 64, 32].map(Value::Integer).to_vec() };
-    let parameters =
-        vec![integer("level", 1, 100, Scale::Linear, 8), plain("tile", tiles, Value::Integer(32))];
-    let space = Space::new(parameters, vec![order("level", "tile")]).expect("valid");
+    let space = Space::builder().integer("level", 1..=100).default(8);
+    let space = space.categorical("tile", [16, 64, 32]).default(32).less_or_equal("level", "tile");
+    let space = space.build().expect("valid");
     assert_eq!(space.decode(&[0.495, 0.1]).key(), "level=16;tile=16");
 }
 
 #[test]
 fn a_space_whose_constraint_cannot_hold_falls_back_to_the_default() {
-    let parameters = vec![
-        plain("narrow", Domain::Boolean, Value::Boolean(false)),
-        integer("low", 5, 9, Scale::Linear, 5),
-        only_if(integer("high", 0, 3, Scale::Linear, 0), "narrow", vec![Value::Boolean(true)]),
-    ];
-    let space = Space::new(parameters, vec![order("low", "high")]).expect("the default leaves `high` out");
+    let space = Space::builder().boolean("narrow").default(false).integer("low", 5..=9).default(5);
+    let space = space.integer("high", 0..=3).default(0).active_if("narrow", [true]);
+    let space = space.less_or_equal("low", "high").build().expect("the default leaves `high` out");
     assert_eq!(space.decode(&[0.9, 0.5, 0.5]), space.default_configuration());
     assert_eq!(space.decode(&[0.1, 0.9, 0.5]).key(), "low=9;narrow=false");
 }
 
 #[test]
 fn inactive_parameters_are_left_out_all_the_way_down() {
-    let parameters = vec![
-        integer("quality", 1, 3, Scale::Linear, 2),
-        only_if(
-            integer("block", 1, 32, Scale::Log, 4),
-            "quality",
-            vec![Value::Integer(2), Value::Integer(3)],
-        ),
-        only_if(float("cost", 0.0, 10.0, Scale::Linear, 1.0), "block", vec![Value::Integer(4)]),
-    ];
-    let space = Space::new(parameters, vec![]).expect("valid");
+    let space = Space::builder().integer("quality", 1..=3).default(2);
+    let space = space.integer("block", 1..=32).log().default(4).active_if("quality", [2, 3]);
+    let space = space.float("cost", 0.0..=10.0).default(1.0).active_if("block", [4]);
+    let space = space.build().expect("valid");
     let fast = space.decode(&[0.0, 0.4, 0.9]);
     assert_eq!(fast.key(), "quality=1");
     assert_eq!(space.encode(&fast)[1..], space.encode(&space.default_configuration())[1..]);

@@ -95,10 +95,6 @@ impl Confirming {
         }
     }
 
-    fn is_decided(&self) -> bool {
-        self.race.verdict() != RaceResult::Open
-    }
-
     /// Whether it is over, for a table with `tried` tried configurations.
     pub(super) fn is_settled(&self, tried: usize) -> bool {
         self.settled && tried <= self.tried
@@ -147,11 +143,6 @@ impl Confirming {
     /// The contender that is better by the rounds alone, at an error probability of at most `error`.
     fn better_by_rounds(&self, error: f64) -> Option<&Configuration> {
         Some(&self.contenders.get(self.race.better_by_rounds(error)?)?.0)
-    }
-
-    /// Whether the answer of the settled race replaced the incumbent.
-    fn was_won_by(&self, answer: &Configuration) -> bool {
-        self.settled && self.is_challenger(answer)
     }
 
     /// The gain of a contender by the rounds alone: over the default where that ran, else over the incumbent.
@@ -288,7 +279,7 @@ impl Tuner {
         {
             let made = self.assessments.of(state).filter(|made| made.answer == record.configuration);
             // An incumbent that other states named has won nothing here.
-            let was_won = self.race(state).is_some_and(|race| race.was_won_by(&record.configuration));
+            let was_won = self.race(state).is_some_and(|race| race.is_challenger(&record.configuration));
             let is_default = record.configuration == *self.spec.space.default_ref();
             let gain_at_most = made.map(|made| made.gain_at_most);
             return Some(Answered {
@@ -358,7 +349,8 @@ impl Tuner {
     /// rounds together prove better, else the one that is likely to be better by all measurements or by the
     /// rounds.
     fn settle_race(&mut self, state: StateId, planned: &Planned) -> Option<()> {
-        let race = self.race(state).filter(|race| race.is_decided() && !race.settled)?;
+        let race =
+            self.race(state).filter(|race| race.race.verdict() != RaceResult::Open && !race.settled)?;
         let winner = match race.winner().or_else(|| race.better_by_rounds(PROVEN_ERROR_MAX)) {
             Some(winner) => winner.clone(),
             None => {

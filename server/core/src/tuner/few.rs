@@ -36,10 +36,6 @@ impl FewConfigurations {
         self.0.as_ref().map(|all| all.len())
     }
 
-    pub(super) fn are_few(&self) -> bool {
-        self.0.is_some()
-    }
-
     /// Whether every configuration has a verdict, or was given up.
     pub(super) fn is_exhausted(&self, results: &ResultTable) -> bool {
         self.0.as_ref().is_some_and(|all| results.decided() >= all.len())

@@ -89,10 +89,11 @@ impl Tuner {
         let replicates = self.spec.policy.replicates;
         let settled = self.states.results(state).settled(&completed.configuration, replicates);
         let is_first = |record: &Record| record.measurements == 1;
+        let is_repeat = completed.decision.search_step() == Some(Step::Replicate);
         let record = self.states.results(state).record(&completed.configuration);
         let verdict = match (learnt.believed, settled) {
             // The search keeps the mean of its own repeats.
-            (Some(cost), _) if is_replicate(completed) && completed.outcome == Some(Outcome::Ok) => {
+            (Some(cost), _) if is_repeat && completed.outcome == Some(Outcome::Ok) => {
                 Some(Verdict::Cost(cost))
             }
             (Some(cost), Some(Verdict::Cost(_))) if record.is_some_and(is_first) => Some(Verdict::Cost(cost)),
@@ -209,7 +210,7 @@ impl Tuner {
             self.teach(trial, normalised);
         }
         self.models.catch_up(&self.spec.space);
-        self.states.forget_somewhere(self.searches.few().are_few());
+        self.states.forget_somewhere(self.searches.few().count().is_some());
         learnt
     }
 
@@ -428,9 +429,4 @@ fn verdict(trial: &Trial) -> Option<Verdict> {
         (Some(Outcome::Infeasible { .. }), _) => Some(Verdict::Infeasible),
         _ => None,
     }
-}
-
-/// Whether the trial measured a configuration again that its search had measured before.
-fn is_replicate(trial: &Trial) -> bool {
-    trial.decision.search_step() == Some(Step::Replicate)
 }

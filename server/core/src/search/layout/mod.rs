@@ -56,12 +56,13 @@ pub struct Layout {
     /// The space, where a point's configuration needs it. It is not stored.
     #[serde(skip)]
     space: Option<Arc<Space>>,
-    /// The prediction of points by other states. Rows of version 0.1.0 call it `guide`.
+    /// The prediction of points by other states, a feature. Rows of version 0.1.0 call it `guide`.
     #[serde(rename = "guide", default, skip_serializing_if = "Option::is_none")]
-    main_effects: Option<MainEffects>,
-    /// The number of cheaper levels at which points may be measured.
+    pub(super) main_effects: Option<MainEffects>,
+    /// The number of cheaper levels at which points may be measured. Each is a feature behind all others: 1
+    /// where a point was measured there.
     #[serde(default, skip_serializing_if = "is_default")]
-    cheaper: usize,
+    pub(super) cheaper: usize,
 }
 
 /// Most cells that are counted; finer axes pass for continuous.
@@ -128,11 +129,6 @@ impl Layout {
         }
     }
 
-    /// Adds a feature for each cheaper level, behind all others: 1 where a point was measured there.
-    pub(super) fn set_cheaper(&mut self, levels: usize) {
-        self.cheaper = levels;
-    }
-
     /// The features of a full measurement as those of one at a cheaper level.
     pub(super) fn at_cheaper(&self, level: usize, features: &[f64]) -> Vec<f64> {
         assert!(level < self.cheaper, "level {level} of {}", self.cheaper);
@@ -140,11 +136,6 @@ impl Layout {
         let place = self.kinds().len() - self.cheaper + level;
         features[place] = 1.0;
         features
-    }
-
-    /// Adds the prediction of other states as a feature.
-    pub(super) fn set_main_effects(&mut self, main_effects: MainEffects) {
-        self.main_effects = Some(main_effects);
     }
 
     /// Whether the layout has no axes.

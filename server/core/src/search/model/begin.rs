@@ -46,7 +46,7 @@ impl ModelSearch {
         first: Vec<Vec<f64>>,
         winners: Vec<Vec<f64>>,
     ) {
-        self.setup.layout.set_main_effects(main_effects);
+        self.setup.layout.main_effects = Some(main_effects);
         self.begin_models();
         self.elsewhere = first.into();
         self.winners = winners.iter().map(|x| self.grid(x).0).collect();

@@ -34,17 +34,17 @@ const SPENT_MAX: f64 = 1.0;
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct CheaperLevels {
     /// The cost of a measurement at each level, as a share of a full one.
-    shares: Vec<f64>,
+    pub(super) shares: Vec<f64>,
     /// Whether the client that asks measures at them.
     is_open: bool,
     /// The cost of all measurements there since the last full one, in full ones.
     pub(super) spent: f64,
-    runs: Vec<CheaperRun>,
+    pub(super) runs: Vec<CheaperRun>,
 }
 
 /// A measurement at a cheaper level.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-struct CheaperRun {
+pub(super) struct CheaperRun {
     /// Canonical coordinates, in steps of the grid.
     x: Vec<u32>,
     level: u32,
@@ -61,19 +61,9 @@ pub(super) struct CheaperPoint {
 }
 
 impl CheaperLevels {
-    /// The number of levels.
-    pub(super) fn count(&self) -> usize {
-        self.shares.len()
-    }
-
     /// The level of a point for the client that asks: in full where it measures at none.
     pub(super) fn if_open(&self, level: Option<u32>) -> Option<u32> {
         level.filter(|_| self.is_open)
-    }
-
-    /// The number of measurements there.
-    pub(super) fn measurements(&self) -> u64 {
-        self.runs.len() as u64
     }
 }
 
@@ -85,7 +75,7 @@ impl ModelSearch {
             assert!(shares.iter().all(|share| *share > 0.0 && *share < 1.0), "shares of {shares:?}");
             self.cheaper.shares = shares.to_vec();
             self.cheaper.runs.clear();
-            self.setup.layout.set_cheaper(shares.len());
+            self.setup.layout.cheaper = shares.len();
             self.begin_models();
         }
     }

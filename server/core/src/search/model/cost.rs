@@ -36,7 +36,7 @@ impl ModelSearch {
             (_, ..ROUNDS_UNTIL) => ROUNDS,
             _ => 0,
         };
-        let told = self.told + self.cheaper.measurements();
+        let told = self.told + self.cheaper.runs.len() as u64;
         let is_late = self.seen.len() > FITTED_MAX && !self.told.is_multiple_of(LEARN_EVERY);
         let learn = told > self.fitted && !is_late;
         self.fitted = told;
@@ -83,7 +83,7 @@ impl ModelSearch {
         let censored = |place: &ModelledPoint| matches!(place.observed, Observed::AtLeast(_));
         if !cheaper.is_empty() || measured.iter().any(|place| censored(place)) {
             let values = &mut views[view].0;
-            for level in 0..self.cheaper.count() {
+            for level in 0..self.cheaper.shares.len() {
                 let is_of = |point: Option<&CheaperPoint>| point.is_some_and(|point| point.level == level);
                 let of =
                     |index: usize| index.checked_sub(measured.len()).and_then(|index| cheaper.get(index));
