@@ -92,13 +92,8 @@ impl Tuner {
         let is_open = !self.is_spent_within(room, state);
         let candidate = is_open.then(|| self.transfer().untried_by_machines(state)).flatten();
         let candidate = candidate.or_else(|| self.first_of_a_state(state, number, normalised, planned));
-        if let Some(candidate) = candidate {
-            return Explored::Candidate(candidate);
-        }
-        if let Some(candidate) = self.incumbent_again(client_id, room, state) {
-            return Explored::Candidate(candidate);
-        }
-        if let Some(candidate) = self.leader_again(room, state) {
+        let candidate = candidate.or_else(|| self.incumbent_again(client_id, room, state));
+        if let Some(candidate) = candidate.or_else(|| self.leader_again(room, state)) {
             return Explored::Candidate(candidate);
         }
         self.ensure_exploration(room, state, planned);

@@ -67,9 +67,6 @@ impl Tuner {
         let before = self.searches.changes(state);
         self.end(number);
         let learnt = self.complete(completed);
-        if completed.decision.fidelity.is_some() {
-            return self.take_cheaper(completed, before);
-        }
         if learnt.has_changed {
             self.searches.begin_again(state);
             self.states.forget_search(state);
@@ -86,7 +83,19 @@ impl Tuner {
         }
         let mut change = Change { trials: vec![completed.clone()], ..Change::default() };
         change.visits.extend(self.settle(completed));
-        let replicates = self.spec.policy.replicates;
+        match completed.decision.fidelity {
+            Some(_) => self.tell_cheaper(completed),
+            None => self.tell_in_full(completed, &learnt),
+        }
+        if self.searches.changes(state) != before {
+            change.states.push(self.state_record(state));
+        }
+        change
+    }
+
+    /// Passes the result of a full trial to its search and to the race.
+    fn tell_in_full(&mut self, completed: &Trial, learnt: &LearntCost) {
+        let (state, replicates) = (StateId(completed.state_id), self.spec.policy.replicates);
         let settled = self.states.results(state).settled(&completed.configuration, replicates);
         let is_first = |record: &Record| record.measurements == 1;
         let is_repeat = completed.decision.search_step() == Some(Step::Replicate);
@@ -102,21 +111,12 @@ impl Tuner {
         self.tell_of_transfer(completed, state, verdict);
         self.tell_race(completed, learnt.cost);
         self.release(completed, verdict.map(|verdict| Feedback { verdict, fresh: true }));
-        if self.searches.changes(state) != before {
-            change.states.push(self.state_record(state));
-        }
-        change
     }
 
-    /// Takes a completed trial at a cheaper level, of which the search alone hears. The point of a silent one
-    /// goes back. `before` counts the search's changes.
-    fn take_cheaper(&mut self, completed: &Trial, before: u64) -> Change {
+    /// Passes the result of a trial at a cheaper level to its search, which alone hears of it. The point of a
+    /// silent one goes back.
+    fn tell_cheaper(&mut self, completed: &Trial) {
         let state = StateId(completed.state_id);
-        if !matches!(completed.outcome, Some(Outcome::Failed { .. })) {
-            self.searches.forgive(state, &completed.configuration);
-        }
-        let mut change = Change { trials: vec![completed.clone()], ..Change::default() };
-        change.visits.extend(self.settle(completed));
         let name = completed.decision.fidelity.as_ref();
         let levels = self.spec.objective.fidelities();
         let share = levels.iter().find(|level| Some(&level.name) == name).map(|level| level.cost);
@@ -129,10 +129,6 @@ impl Tuner {
             self.release(completed, None);
         }
         self.end_spent(state);
-        if self.searches.changes(state) != before {
-            change.states.push(self.state_record(state));
-        }
-        change
     }
 
     /// The verdict of a trial at a cheaper level, corrected for the present speed of its client's machine;

@@ -145,10 +145,9 @@ impl Tuner {
         planned: &mut Planned,
     ) -> Prediction {
         let decided = match self.visits.of(&ask.client_id).map(|visit| &visit.decision) {
-            Some(VisitDecision::Exploit { .. }) if self.is_rechecked(ask, state) => {
-                (ExploreRule::Dice, ExplorationEstimate::default())
-            }
-            Some(VisitDecision::Exploit { configuration, predicted_cost, exploit, said }) => {
+            Some(VisitDecision::Exploit { configuration, predicted_cost, exploit, said })
+                if !self.is_rechecked(ask, state) =>
+            {
                 let choice = Choice::Exploit(exploit.as_ref().clone());
                 return Prediction {
                     configuration: configuration.clone(),
@@ -158,7 +157,7 @@ impl Tuner {
                 };
             }
             Some(VisitDecision::Explore { rule, estimate }) => (*rule, *estimate),
-            None => (ExploreRule::Dice, ExplorationEstimate::default()),
+            _ => (ExploreRule::Dice, ExplorationEstimate::default()),
         };
         if self.spec.policy.operation == Operation::Freeze {
             let known = self.exploitation(normalised, Some(state), Ground::Measured, planned);
