@@ -52,7 +52,7 @@ fn ln_one_plus_twice(half: f64) -> f64 {
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(try_from = "Vec<Indicator>", into = "Vec<Indicator>")]
 pub struct IndicatorSchema {
-    indicators: Vec<Indicator>,
+    pub(crate) indicators: Vec<Indicator>,
 }
 
 /// Why a schema or a set of indicator values is refused.

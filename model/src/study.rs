@@ -238,22 +238,17 @@ impl StudySpec<PolicySettings> {
     /// Begins a specification.
     #[must_use]
     pub fn builder(space: Space) -> StudyBuilder {
-        StudyBuilder {
+        StudyBuilder(StudySpec {
             display_name: String::new(),
             note: String::new(),
             tags: BTreeSet::new(),
             space,
-            indicators: Vec::new(),
-            objective: Vec::new(),
-            auxiliary: Vec::new(),
-            limits: Vec::new(),
-            maximised: Vec::new(),
-            episode_frames: 1,
-            fidelities: Vec::new(),
+            indicators: IndicatorSchema::default(),
+            objective: Objective::empty(),
             state_tolerance: STATE_TOLERANCE_DEFAULT,
             policy: PolicySettings::new(),
             seed: 0,
-        }
+        })
     }
 }
 
@@ -273,35 +268,20 @@ impl StudySpec<PolicySettings> {
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 #[derive(Clone, Debug)]
-pub struct StudyBuilder {
-    display_name: String,
-    note: String,
-    tags: BTreeSet<String>,
-    space: Space,
-    indicators: Vec<Indicator>,
-    objective: Vec<ObjectiveTerm>,
-    auxiliary: Vec<String>,
-    limits: Vec<MeasurementLimit>,
-    maximised: Vec<String>,
-    episode_frames: u32,
-    fidelities: Vec<Fidelity>,
-    state_tolerance: f64,
-    policy: PolicySettings,
-    seed: u64,
-}
+pub struct StudyBuilder(StudySpec<PolicySettings>);
 
 impl StudyBuilder {
     /// A line for people, at most 200 characters.
     #[must_use]
     pub fn display_name(mut self, text: impl Into<String>) -> Self {
-        self.display_name = text.into();
+        self.0.display_name = text.into();
         self
     }
 
     /// A text for people of several lines, at most 4096 bytes.
     #[must_use]
     pub fn note(mut self, text: impl Into<String>) -> Self {
-        self.note = text.into();
+        self.0.note = text.into();
         self
     }
 
@@ -309,7 +289,7 @@ impl StudyBuilder {
     /// `_`, `-` and `.`.
     #[must_use]
     pub fn tags(mut self, tags: impl IntoIterator<Item = impl Into<String>>) -> Self {
-        self.tags.extend(tags.into_iter().map(Into::into));
+        self.0.tags.extend(tags.into_iter().map(Into::into));
         self
     }
 
@@ -317,7 +297,7 @@ impl StudyBuilder {
     #[must_use]
     pub fn indicator(mut self, name: &str, range: RangeInclusive<f64>, scale: Scale) -> Self {
         let (min, max) = (*range.start(), *range.end());
-        self.indicators.push(Indicator { name: name.to_owned(), min, max, scale });
+        self.0.indicators.indicators.push(Indicator { name: name.to_owned(), min, max, scale });
         self
     }
 
@@ -325,7 +305,7 @@ impl StudyBuilder {
     /// `build_ms` with weight 1/30 and `render_ms` with weight 1.
     #[must_use]
     pub fn minimise(mut self, metric: &str, weight: f64) -> Self {
-        self.objective.push(ObjectiveTerm { metric: metric.to_owned(), weight });
+        self.0.objective.terms.push(ObjectiveTerm { metric: metric.to_owned(), weight });
         self
     }
 
@@ -334,7 +314,7 @@ impl StudyBuilder {
     /// weight brings both to one unit: `fps` with weight 1000 counts in milliseconds.
     #[must_use]
     pub fn maximise(mut self, metric: &str, weight: f64) -> Self {
-        self.maximised.push(metric.to_owned());
+        self.0.objective.maximised.push(metric.to_owned());
         self.minimise(metric, weight)
     }
 
@@ -342,7 +322,7 @@ impl StudyBuilder {
     /// noise that it explains is removed before costs are compared. At most 8.
     #[must_use]
     pub fn auxiliary(mut self, metric: &str) -> Self {
-        self.auxiliary.push(metric.to_owned());
+        self.0.objective.auxiliary.push(metric.to_owned());
         self
     }
 
@@ -350,7 +330,7 @@ impl StudyBuilder {
     /// limit is infeasible, and the search learns to avoid it. `None` is no limit on that side. At most 16.
     #[must_use]
     pub fn limit(mut self, metric: &str, at_least: Option<f64>, at_most: Option<f64>) -> Self {
-        self.limits.push(MeasurementLimit { metric: metric.to_owned(), at_least, at_most });
+        self.0.objective.limits.push(MeasurementLimit { metric: metric.to_owned(), at_least, at_most });
         self
     }
 
@@ -358,7 +338,7 @@ impl StudyBuilder {
     /// use: its measurements are the means of its frames. Unset: 1.
     #[must_use]
     pub fn episode_frames(mut self, frames: u32) -> Self {
-        self.episode_frames = frames;
+        self.0.objective.episode_frames = frames;
         self
     }
 
@@ -367,28 +347,28 @@ impl StudyBuilder {
     /// given trials at these levels.
     #[must_use]
     pub fn fidelity(mut self, name: impl Into<String>, cost: f64) -> Self {
-        self.fidelities.push(Fidelity { name: name.into(), cost });
+        self.0.objective.fidelities.push(Fidelity { name: name.into(), cost });
         self
     }
 
     /// Two states are the same when every normalised indicator differs by at most this, 0 to 1. Unset: 0.01.
     #[must_use]
     pub fn state_tolerance(mut self, tolerance: f64) -> Self {
-        self.state_tolerance = tolerance;
+        self.0.state_tolerance = tolerance;
         self
     }
 
     /// Sets the policy.
     #[must_use]
     pub fn policy(mut self, policy: PolicySettings) -> Self {
-        self.policy = policy;
+        self.0.policy = policy;
         self
     }
 
     /// Seed of every random decision of the study. Unset: 0.
     #[must_use]
     pub fn seed(mut self, seed: u64) -> Self {
-        self.seed = seed;
+        self.0.seed = seed;
         self
     }
 
@@ -397,22 +377,9 @@ impl StudyBuilder {
     /// # Errors
     /// [`StudyError`] with the part that the service would refuse.
     pub fn build(self) -> Result<StudySpec<PolicySettings>, StudyError> {
-        let spec = StudySpec {
-            display_name: self.display_name,
-            note: self.note,
-            tags: self.tags,
-            space: self.space,
-            indicators: IndicatorSchema::new(self.indicators)?,
-            objective: Objective::new(self.objective)?
-                .with_auxiliary(self.auxiliary)?
-                .with_limits(self.limits)?
-                .with_maximised(self.maximised)?
-                .with_episode_frames(self.episode_frames)?
-                .with_fidelities(self.fidelities)?,
-            state_tolerance: self.state_tolerance,
-            policy: self.policy,
-            seed: self.seed,
-        };
+        let StudyBuilder(spec) = self;
+        let indicators = IndicatorSchema::new(spec.indicators.indicators)?;
+        let spec = StudySpec { indicators, objective: spec.objective.checked()?, ..spec };
         spec.check_texts_and_tolerance()?;
         spec.policy.check()?;
         Ok(spec)

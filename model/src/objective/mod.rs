@@ -61,12 +61,12 @@ impl fmt::Display for MeasurementLimit {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(try_from = "Stored", into = "Stored")]
 pub struct Objective {
-    terms: Vec<ObjectiveTerm>,
-    auxiliary: Vec<String>,
-    limits: Vec<MeasurementLimit>,
-    maximised: Vec<String>,
-    episode_frames: u32,
-    fidelities: Vec<Fidelity>,
+    pub(crate) terms: Vec<ObjectiveTerm>,
+    pub(crate) auxiliary: Vec<String>,
+    pub(crate) limits: Vec<MeasurementLimit>,
+    pub(crate) maximised: Vec<String>,
+    pub(crate) episode_frames: u32,
+    pub(crate) fidelities: Vec<Fidelity>,
 }
 
 /// The stored form of an objective: the list of its terms where it has no other parts.
@@ -204,8 +204,21 @@ impl Objective {
                 return Err(ObjectiveError::Weight { metric: metric.clone(), weight: *weight });
             }
         }
-        let (auxiliary, limits, maximised) = (Vec::new(), Vec::new(), Vec::new());
-        Ok(Objective { terms, auxiliary, limits, maximised, episode_frames: 1, fidelities: Vec::new() })
+        Ok(Objective { terms, ..Objective::empty() })
+    }
+
+    /// Without any part, to which parts are added that are [checked](Objective::checked) together.
+    pub(crate) fn empty() -> Self {
+        let (terms, auxiliary, limits, maximised) = Default::default();
+        Objective { terms, auxiliary, limits, maximised, episode_frames: 1, fidelities: Vec::new() }
+    }
+
+    /// Checks all parts.
+    pub(crate) fn checked(self) -> Result<Self, ObjectiveError> {
+        let Objective { terms, auxiliary, limits, maximised, episode_frames, fidelities } = self;
+        let objective = Objective::new(terms)?.with_auxiliary(auxiliary)?.with_limits(limits)?;
+        let objective = objective.with_maximised(maximised)?.with_episode_frames(episode_frames)?;
+        objective.with_fidelities(fidelities)
     }
 
     /// This objective with metrics that explain costs without being part of them; see
@@ -394,17 +407,12 @@ impl TryFrom<Stored> for Objective {
     fn try_from(stored: Stored) -> Result<Self, ObjectiveError> {
         match stored {
             Stored::Terms(terms) => Objective::new(terms),
-            Stored::Whole { terms, auxiliary, limits, maximised } => Objective::new(terms)?
-                .with_auxiliary(auxiliary)?
-                .with_limits(limits)?
-                .with_maximised(maximised),
+            Stored::Whole { terms, auxiliary, limits, maximised } => {
+                Objective { terms, auxiliary, limits, maximised, ..Objective::empty() }.checked()
+            }
             Stored::Directed { directed_terms, auxiliary, limits, maximised, episode_frames, fidelities } => {
-                Objective::new(directed_terms)?
-                    .with_auxiliary(auxiliary)?
-                    .with_limits(limits)?
-                    .with_maximised(maximised)?
-                    .with_episode_frames(episode_frames)?
-                    .with_fidelities(fidelities)
+                let terms = directed_terms;
+                Objective { terms, auxiliary, limits, maximised, episode_frames, fidelities }.checked()
             }
         }
     }

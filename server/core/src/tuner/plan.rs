@@ -171,14 +171,10 @@ impl Planned {
     }
 
     pub(super) fn take_assessment(&mut self) -> Option<(StateId, Arc<Assessment>)> {
-        match self {
-            Planned::AtOnce => None,
-            Planned::Ahead(plan) => {
-                let taken = plan.assessment.take();
-                plan.assessed = taken.as_ref().map(|(state, _)| *state);
-                taken
-            }
-        }
+        let Planned::Ahead(plan) = self else { return None };
+        let taken = plan.assessment.take();
+        plan.assessed = taken.as_ref().map(|(state, _)| *state);
+        taken
     }
 
     /// Whether an assessment of a state was made for this question. The state's table may have changed since.
