@@ -140,7 +140,7 @@ impl Account {
         self.session == session
     }
 
-    /// Notes the client's state, or 0 for none, as which it is new when the client asks again. Unsettled trials
+    /// Notes the client's state, or 0 for none: it is then new when the client asks again. Unsettled trials
     /// of other states stay charged in full.
     pub(super) fn enter(&mut self, state_id: u64) {
         if self.state_id != state_id {
