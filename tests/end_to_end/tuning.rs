@@ -105,7 +105,8 @@ fn ways_to_follow_are_tuned_by_episodes() {
     assert!(state["cost_growth"].as_f64() >= Some(1.0) && state["episode_frames"] == 6.0, "{state}");
     let measured = trials(site.url(), "state = COMPLETED");
     assert!(measured.len() >= 8);
-    for trial in &measured {
+    // One that is stopped, as on a busy machine, has neither.
+    for trial in measured.iter().filter(|trial| trial["outcome"]["aborted"].is_null()) {
         // A mean frame, with the decaying part beside it.
         assert_eq!(trial["measurements"]["frames"], 6.0, "{trial}");
         assert!(trial["measurements"]["trend"].as_f64() > Some(0.0), "{trial}");
