@@ -2,17 +2,19 @@
 //! time to an error of a tenth, and ways to follow motion, by the mean frame of an episode.
 //!
 //! `cargo run --release -p treewright-lab --example levers -- --lever light|follow [--rounds N] [--width N]
-//! [--winners FOLDER] WORLD...` A world is a file or `builtin:NAME`; for `follow` a motion (`itself` for
-//! scenes that move by themselves) and cycles in an episode of 24 frames stand behind it, as in
+//! [--frames N] [--winners FOLDER] WORLD...` A world is a file or `builtin:NAME`; for `follow` a motion (`itself` for
+//! scenes that move by themselves) and cycles in an episode stand behind it, as in
 //! `builtin:city@sway@0.25`. Without winners a few ways to follow are compared. With a folder of files that
 //! `treewright-render tune --objective error|motion --json` wrote, named like the worlds
 //! (`city-sway-0.25.json`), every world's winner runs in every world, and each is compared with the one way
 //! that is best in all worlds of other scenes.
 
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use clap::{Parser, ValueEnum};
+use treewright_lab::converge::bootstrap::{in_words, interval};
 use treewright_render_cli::arguments::{SceneArguments, read_configuration};
 use treewright_renderer::frame::Renderer;
 use treewright_renderer::integrator::View;
@@ -42,9 +44,6 @@ const FOLLOW: [(&str, &str); 13] = [
     ("native medium, every 8", "tree=native_medium,period=8"),
 ];
 
-/// Frames of an episode.
-const EPISODE: u32 = 24;
-
 /// Which lever.
 #[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum Lever {
@@ -62,6 +61,9 @@ struct Arguments {
     /// Pixels across, four to three down.
     #[arg(long, default_value_t = 320)]
     width: u32,
+    /// Frames of an episode.
+    #[arg(long, default_value_t = 24)]
+    frames: u32,
     /// Folder of the results of `treewright-render tune --json`, named like the worlds.
     #[arg(long)]
     winners: Option<PathBuf>,
@@ -93,9 +95,9 @@ fn parts(world: &str) -> (String, String, Option<&str>, f32) {
     (name, scene.to_owned(), motion, cycles.and_then(|text| text.parse().ok()).unwrap_or(0.25))
 }
 
-fn world(written: &str) -> Result<World, Failure> {
+fn world(written: &str, frames: u32) -> Result<World, Failure> {
     let (name, scene, motion, cycles) = parts(written);
-    let moment = |frame: u32| cycles * frame as f32 / EPISODE as f32;
+    let moment = |frame: u32| cycles * frame as f32 / frames as f32;
     let mut arguments = SceneArguments::plain(scene.clone(), 1.0, None, 0.0);
     let moments = match motion {
         None => vec![arguments.load()?],
@@ -105,7 +107,7 @@ fn world(written: &str) -> Result<World, Failure> {
                 arguments.motion = Some(known.ok_or("no such motion")?);
             }
             let moving = arguments.moving()?;
-            (0..EPISODE).map(|frame| moving.at(moment(frame))).collect::<Result<_, _>>()?
+            (0..frames).map(|frame| moving.at(moment(frame))).collect::<Result<_, _>>()?
         }
     };
     Ok(World { name, scene, moments })
@@ -190,6 +192,22 @@ fn best_fixed(tables: &[Vec<Standing>], scenes: &[String], of: usize, are_winner
     ways.max_by(|a, b| others(*a).total_cmp(&others(*b))).unwrap_or(0)
 }
 
+/// One line on some ratios, with intervals by drawing scenes: worlds of one scene are no independent cases.
+fn in_summary(title: &str, values: &[f64], scenes: &[String]) {
+    let of_scene = |scene: &String| {
+        let own = scenes.iter().zip(values).filter(|(other, _)| *other == scene);
+        own.map(|(_, value)| *value).collect::<Vec<_>>()
+    };
+    let clusters: Vec<_> = scenes.iter().collect::<BTreeSet<_>>().into_iter().map(of_scene).collect();
+    let drawn_values =
+        |drawn: &[usize]| drawn.iter().flat_map(|at| clusters[*at].clone()).collect::<Vec<_>>();
+    let mean = interval(clusters.len(), |drawn| Some(geometric_mean(&drawn_values(drawn))));
+    let median = interval(clusters.len(), |drawn| Some(Summary::of(&drawn_values(drawn)).median));
+    let least = values.iter().copied().fold(f64::INFINITY, f64::min);
+    let (mean, median) = (in_words(mean, 3), in_words(median, 3));
+    println!("{title}: geometric mean {mean}, median {median}, least {least:.3}");
+}
+
 fn main() -> Result<(), Failure> {
     let arguments = Arguments::parse();
     let preset = if arguments.lever == Lever::Light { Preset::Light } else { Preset::Follow };
@@ -197,7 +215,7 @@ fn main() -> Result<(), Failure> {
     let ways = ways(&arguments, &space)?;
     let (mut tables, mut scenes, mut names) = (Vec::new(), Vec::new(), Vec::new());
     for written in &arguments.worlds {
-        let world = world(written)?;
+        let world = world(written, arguments.frames)?;
         let table = measured(&world, &ways, &arguments)?;
         println!("{}", world.name);
         for one in &table {
@@ -226,9 +244,7 @@ fn main() -> Result<(), Failure> {
         ("over the best fixed of other scenes", over_fixed),
         ("ceiling over it", ceilings),
     ] {
-        let (mean, median) = (geometric_mean(&values), Summary::of(&values).median);
-        let least = values.iter().copied().fold(f64::INFINITY, f64::min);
-        println!("{title}: geometric mean {mean:.3}, median {median:.3}, least {least:.3}");
+        in_summary(title, &values, &scenes);
     }
     Ok(())
 }

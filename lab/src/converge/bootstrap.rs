@@ -27,7 +27,7 @@ pub struct Interval {
 }
 
 /// An estimate and its interval with `digits` digits after the point; a dash for none.
-pub(crate) fn in_words(interval: Option<Interval>, digits: usize) -> String {
+pub fn in_words(interval: Option<Interval>, digits: usize) -> String {
     let Some(Interval { estimate, range }) = interval else { return "–".to_owned() };
     let range = range.map(|[low, high]| format!(" [{low:.digits$}, {high:.digits$}]"));
     format!("{estimate:.digits$}{}", range.unwrap_or_default())
