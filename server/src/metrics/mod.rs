@@ -4,6 +4,40 @@
 //! clients: RPCs come from the table of `access::rules`, codes are gRPC's seventeen, reasons stand in
 //! `status`, and only some studies are shown (`studies`). The names and units follow OpenMetrics 1.0.
 
+/// Declares figures as a table: the type of each and its begin, where that is not the default; its name, what
+/// it tells, and its unit, if it has one.
+macro_rules! figures {
+    (@begin) => { Default::default() };
+    (@begin $begin:expr) => { $begin };
+    (@register $registry:ident, $figure:expr, $name:literal, $tells:literal) => {
+        $registry.register($name, $tells, $figure)
+    };
+    (@register $registry:ident, $figure:expr, $name:literal, $tells:literal, $unit:ident) => {
+        $registry.register_with_unit($name, $tells, Unit::$unit, $figure)
+    };
+    ($(#[$about:meta])* $visibility:vis struct $set:ident {
+        $($figure:ident: $kind:ty $(= $begin:expr)?, $name:literal, $tells:literal $(, $unit:ident)?;)+
+    }) => {
+        $(#[$about])*
+        #[derive(Debug)]
+        $visibility struct $set {
+            $($figure: $kind,)+
+        }
+
+        impl Default for $set {
+            fn default() -> Self {
+                Self { $($figure: figures!(@begin $($begin)?),)+ }
+            }
+        }
+
+        impl $set {
+            $visibility fn register(&self, registry: &mut Registry) {
+                $(figures!(@register registry, self.$figure.clone(), $name, $tells $(, $unit)?);)+
+            }
+        }
+    };
+}
+
 mod process;
 mod studies;
 mod study;
@@ -65,48 +99,73 @@ pub struct Metrics {
     registry: Mutex<Registry>,
     /// All requests and frames that were answered.
     answers: AtomicU64,
-    requests: Family<EndingLabel, Counter>,
-    request_seconds: Family<RpcLabel, Histogram, fn() -> Histogram>,
-    refusals: Family<ReasonLabel, Counter>,
-    connections_lost: Family<ReasonLabel, Counter>,
-    forwarded: Family<OutcomeLabel, Counter>,
-    durable_seconds: Histogram,
-    thinking_seconds: Histogram,
-    unthought: Counter,
-    store_queue: Gauge,
     /// The time of the last durable write.
     last_durable: Mutex<Instant>,
-    expired_leases: Counter,
-    late_reports: Counter,
-    client_outbox: Histogram,
-    removed_trials: Counter,
+    events: EventFigures,
     now: MomentGauges,
     studies: StudyFamilies,
 }
 
-/// Figures that are set at every request for metrics.
-#[derive(Debug, Default)]
-struct MomentGauges {
-    connections: Gauge,
-    newcomers: Gauge,
-    in_flight: Gauge,
-    streams: Gauge,
-    studies_in_memory: Gauge,
-    open_leases: Gauge,
-    memory: Gauge,
-    processor_seconds: Gauge<f64, AtomicU64>,
-    database: Gauge,
-    database_log: Gauge,
-    since_durable: Gauge<f64, AtomicU64>,
-    draining: Gauge,
-    connections_limit: Gauge,
-    in_flight_limit: Gauge,
-    streams_limit: Gauge,
-    unfinished: Gauge,
-    descriptors: Gauge,
-    descriptors_limit: Gauge,
-    certificate_expiry: Gauge,
-    last_backup: Gauge,
+figures! {
+    /// Figures that are counted as things happen.
+    struct EventFigures {
+        requests: Family<EndingLabel, Counter>,
+            "requests", "Requests, and frames of Tune streams, by RPC and gRPC code";
+        request_seconds: Family<RpcLabel, Histogram, fn() -> Histogram> =
+            Family::new_with_constructor(seconds), "request",
+            "From a request's head to the answer's, by RPC; of Tune.frame from the frame to its answer", Seconds;
+        refusals: Family<ReasonLabel, Counter>,
+            "refusals", "Refused requests, frames and parts of frames, by reason";
+        connections_lost: Family<ReasonLabel, Counter>,
+            "connections_lost", "Connections refused or closed, by reason";
+        forwarded: Family<OutcomeLabel, Counter>, "forwarded",
+            "Requests and frames passed on to the replica that holds their study, by what came of it";
+        durable_seconds: Histogram = seconds(),
+            "durable", "From a decision to its being on the disk", Seconds;
+        thinking_seconds: Histogram = seconds(),
+            "thinking", "Fits of models for one question, apart from the study", Seconds;
+        unthought: Counter, "unthought",
+            "Questions answered from the tables because no processor was free to compute a plan in time";
+        store_queue: Gauge, "store_queue", "Decisions that wait for the disk";
+        expired_leases: Counter, "expired_leases", "Leases that ran out";
+        late_reports: Counter, "late_reports", "Reports that came after their lease";
+        client_outbox: Histogram = Histogram::new(OUTBOX_STEPS), "client_outbox",
+            "Reports that wait at a client, as it says with each question that is answered";
+        removed_trials: Counter, "removed_trials", "Old trials that retention removed";
+    }
+}
+
+figures! {
+    /// Figures that are set at every request for metrics.
+    struct MomentGauges {
+        connections: Gauge, "connections", "Open connections";
+        newcomers: Gauge,
+            "connections_unauthorised", "Open connections on which no request was authorised yet";
+        in_flight: Gauge, "requests_in_flight", "Requests being worked on";
+        streams: Gauge, "tune_streams", "Open Tune streams";
+        studies_in_memory: Gauge, "studies_in_memory", "Studies whose tuner is in memory";
+        open_leases: Gauge, "open_leases", "Trials under a lease, of studies in memory";
+        draining: Gauge, "draining", "1 while the daemon is ending";
+        unfinished: Gauge, "unfinished",
+            "Requests that have not come as a whole, and answers that were not read", Bytes;
+        connections_limit: Gauge, "connections_limit", "Most connections";
+        in_flight_limit: Gauge, "requests_in_flight_limit", "Most requests being worked on";
+        streams_limit: Gauge, "tune_streams_limit", "Most Tune streams";
+        descriptors: Gauge, "descriptors", "Open files and sockets";
+        descriptors_limit: Gauge, "descriptors_limit", "Most files and sockets";
+        certificate_expiry: Gauge, "certificate_expiry",
+            "When the certificate ends, in Unix time; 0 without one", Seconds;
+        last_backup: Gauge, "last_backup",
+            "When `treewrightd backup` last copied the database, in Unix time; 0 if it never did", Seconds;
+        memory: Gauge, "resident_memory", "Memory of the process", Bytes;
+        processor_seconds: Gauge<f64, AtomicU64>, "processor",
+            "Processor time of the process, user and system, since it started", Seconds;
+        database: Gauge, "database", "What the database takes up", Bytes;
+        database_log: Gauge,
+            "database_log", "What the write-ahead log of a database file takes up", Bytes;
+        since_durable: Gauge<f64, AtomicU64>, "since_durable",
+            "Time since a decision was last found to be on the disk, or since the start", Seconds;
+    }
 }
 
 /// The figures of this moment for [`Metrics::text`].
@@ -165,20 +224,8 @@ impl Metrics {
         let metrics = Self {
             registry: Mutex::new(Registry::with_prefix("treewright")),
             answers: AtomicU64::new(0),
-            requests: Family::default(),
-            request_seconds: Family::new_with_constructor(seconds),
-            refusals: Family::default(),
-            connections_lost: Family::default(),
-            forwarded: Family::default(),
-            durable_seconds: seconds(),
-            thinking_seconds: seconds(),
-            unthought: Counter::default(),
-            store_queue: Gauge::default(),
             last_durable: Mutex::new(Instant::now()),
-            expired_leases: Counter::default(),
-            late_reports: Counter::default(),
-            client_outbox: Histogram::new(OUTBOX_STEPS),
-            removed_trials: Counter::default(),
+            events: EventFigures::default(),
             now: MomentGauges::default(),
             studies: StudyFamilies::default(),
         };
@@ -188,118 +235,13 @@ impl Metrics {
 
     fn register(&self) {
         let mut guard = self.registry.lock().unwrap_or_else(PoisonError::into_inner);
-        let r = &mut *guard;
-        r.register(
-            "requests",
-            "Requests, and frames of Tune streams, by RPC and gRPC code",
-            self.requests.clone(),
-        );
-        r.register_with_unit(
-            "request",
-            "From a request's head to the answer's, by RPC; of Tune.frame from the frame to its answer",
-            Unit::Seconds,
-            self.request_seconds.clone(),
-        );
-        r.register(
-            "refusals",
-            "Refused requests, frames and parts of frames, by reason",
-            self.refusals.clone(),
-        );
-        r.register(
-            "connections_lost",
-            "Connections refused or closed, by reason",
-            self.connections_lost.clone(),
-        );
-        r.register(
-            "forwarded",
-            "Requests and frames passed on to the replica that holds their study, by what came of it",
-            self.forwarded.clone(),
-        );
-        r.register_with_unit(
-            "durable",
-            "From a decision to its being on the disk",
-            Unit::Seconds,
-            self.durable_seconds.clone(),
-        );
-        r.register_with_unit(
-            "thinking",
-            "Fits of models for one question, apart from the study",
-            Unit::Seconds,
-            self.thinking_seconds.clone(),
-        );
-        r.register(
-            "unthought",
-            "Questions answered from the tables because no processor was free to compute a plan in time",
-            self.unthought.clone(),
-        );
+        let registry = &mut *guard;
         let build = Family::<BuildLabel, Gauge>::default();
         build.get_or_create(&BuildLabel { version: env!("CARGO_PKG_VERSION") }).set(1);
-        r.register("build_info", "Always 1; which version runs", build);
-        r.register("store_queue", "Decisions that wait for the disk", self.store_queue.clone());
-        r.register("expired_leases", "Leases that ran out", self.expired_leases.clone());
-        r.register("late_reports", "Reports that came after their lease", self.late_reports.clone());
-        r.register(
-            "client_outbox",
-            "Reports that wait at a client, as it says with each question that is answered",
-            self.client_outbox.clone(),
-        );
-        r.register("removed_trials", "Old trials that retention removed", self.removed_trials.clone());
-        let now = &self.now;
-        r.register("connections", "Open connections", now.connections.clone());
-        r.register(
-            "connections_unauthorised",
-            "Open connections on which no request was authorised yet",
-            now.newcomers.clone(),
-        );
-        r.register("requests_in_flight", "Requests being worked on", now.in_flight.clone());
-        r.register("tune_streams", "Open Tune streams", now.streams.clone());
-        r.register("studies_in_memory", "Studies whose tuner is in memory", now.studies_in_memory.clone());
-        r.register("open_leases", "Trials under a lease, of studies in memory", now.open_leases.clone());
-        r.register("draining", "1 while the daemon is ending", now.draining.clone());
-        r.register_with_unit(
-            "unfinished",
-            "Requests that have not come as a whole, and answers that were not read",
-            Unit::Bytes,
-            now.unfinished.clone(),
-        );
-        r.register("connections_limit", "Most connections", now.connections_limit.clone());
-        r.register("requests_in_flight_limit", "Most requests being worked on", now.in_flight_limit.clone());
-        r.register("tune_streams_limit", "Most Tune streams", now.streams_limit.clone());
-        r.register("descriptors", "Open files and sockets", now.descriptors.clone());
-        r.register("descriptors_limit", "Most files and sockets", now.descriptors_limit.clone());
-        r.register_with_unit(
-            "certificate_expiry",
-            "When the certificate ends, in Unix time; 0 without one",
-            Unit::Seconds,
-            now.certificate_expiry.clone(),
-        );
-        r.register_with_unit(
-            "last_backup",
-            "When `treewrightd backup` last copied the database, in Unix time; 0 if it never did",
-            Unit::Seconds,
-            now.last_backup.clone(),
-        );
-        r.register_with_unit("resident_memory", "Memory of the process", Unit::Bytes, now.memory.clone());
-        r.register_with_unit(
-            "processor",
-            "Processor time of the process, user and system, since it started",
-            Unit::Seconds,
-            now.processor_seconds.clone(),
-        );
-        r.register_with_unit("database", "What the database takes up", Unit::Bytes, now.database.clone());
-        r.register_with_unit(
-            "database_log",
-            "What the write-ahead log of a database file takes up",
-            Unit::Bytes,
-            now.database_log.clone(),
-        );
-        r.register_with_unit(
-            "since_durable",
-            "Time since a decision was last found to be on the disk, or since the start",
-            Unit::Seconds,
-            now.since_durable.clone(),
-        );
-        self.studies.register(r);
+        registry.register("build_info", "Always 1; which version runs", build);
+        self.events.register(registry);
+        self.now.register(registry);
+        self.studies.register(registry);
         drop(guard);
         self.begin_at_zero();
     }
@@ -307,19 +249,19 @@ impl Metrics {
     /// Makes every counter with every label, so that the first event shows as an increase.
     fn begin_at_zero(&self) {
         for reason in LOSSES {
-            drop(self.connections_lost.get_or_create(&ReasonLabel { reason }));
+            drop(self.events.connections_lost.get_or_create(&ReasonLabel { reason }));
         }
         for reason in status::REASONS {
-            drop(self.refusals.get_or_create(&ReasonLabel { reason }));
+            drop(self.events.refusals.get_or_create(&ReasonLabel { reason }));
         }
         for outcome in FORWARDED {
-            drop(self.forwarded.get_or_create(&OutcomeLabel { outcome }));
+            drop(self.events.forwarded.get_or_create(&OutcomeLabel { outcome }));
         }
         let rpcs = RULES.iter().map(|rule| rule.rpc).chain(["Tune.frame", rule_for("").rpc]);
         for rpc in rpcs {
-            drop(self.request_seconds.get_or_create(&RpcLabel { rpc }));
+            drop(self.events.request_seconds.get_or_create(&RpcLabel { rpc }));
             for code in (0..=16).map(Code::from_i32) {
-                drop(self.requests.get_or_create(&EndingLabel { rpc, code: code_name(code) }));
+                drop(self.events.requests.get_or_create(&EndingLabel { rpc, code: code_name(code) }));
             }
         }
     }
@@ -327,8 +269,8 @@ impl Metrics {
     /// A request, or a frame of a stream, has been answered.
     pub(crate) fn answered(&self, rpc: &'static str, code: Code, took: Duration) {
         self.answers.fetch_add(1, Ordering::Relaxed);
-        self.requests.get_or_create(&EndingLabel { rpc, code: code_name(code) }).inc();
-        self.request_seconds.get_or_create(&RpcLabel { rpc }).observe(took.as_secs_f64());
+        self.events.requests.get_or_create(&EndingLabel { rpc, code: code_name(code) }).inc();
+        self.events.request_seconds.get_or_create(&RpcLabel { rpc }).observe(took.as_secs_f64());
     }
 
     /// The number of requests and frames answered since the start.
@@ -338,48 +280,48 @@ impl Metrics {
 
     pub(crate) fn refused(&self, reason: &'static str) {
         assert!(status::REASONS.contains(&reason), "{reason} is not counted from the start");
-        self.refusals.get_or_create(&ReasonLabel { reason }).inc();
+        self.events.refusals.get_or_create(&ReasonLabel { reason }).inc();
     }
 
     /// A connection was refused or closed, for one of [`LOSSES`].
     pub(crate) fn connection_lost(&self, reason: &'static str) {
         assert!(LOSSES.contains(&reason), "{reason} is not counted from the start");
-        self.connections_lost.get_or_create(&ReasonLabel { reason }).inc();
+        self.events.connections_lost.get_or_create(&ReasonLabel { reason }).inc();
     }
 
     /// A request was passed on to another replica, with one of the outcomes of [`FORWARDED`].
     pub(crate) fn forwarded(&self, outcome: &'static str) {
         assert!(FORWARDED.contains(&outcome), "{outcome} is not counted from the start");
-        self.forwarded.get_or_create(&OutcomeLabel { outcome }).inc();
+        self.events.forwarded.get_or_create(&OutcomeLabel { outcome }).inc();
     }
 
     /// A tuner has decided these changes.
     pub(crate) fn decided(&self, changes: &[Change]) {
         let trials = changes.iter().flat_map(|change| &change.trials);
         let late = trials.filter(|trial| trial.late && trial.state == TrialState::Completed).count();
-        self.late_reports.inc_by(late as u64);
+        self.events.late_reports.inc_by(late as u64);
     }
 
     /// Counts `leases` leases that have run out.
     pub(crate) fn expired(&self, leases: usize) {
-        self.expired_leases.inc_by(leases as u64);
+        self.events.expired_leases.inc_by(leases as u64);
     }
 
     /// A client with an answered question has given the number of its waiting reports.
     pub(crate) fn outbox_reported(&self, reports: u32) {
-        self.client_outbox.observe(f64::from(reports));
+        self.events.client_outbox.observe(f64::from(reports));
     }
 
     pub(crate) fn removed(&self, trials: u64) {
-        self.removed_trials.inc_by(trials);
+        self.events.removed_trials.inc_by(trials);
     }
 
     /// Waits for the disk, and counts the wait.
     pub(crate) async fn durable(&self, receipt: Receipt) -> Result<(), StoreError> {
-        let waiting = QueuePlace { queue: &self.store_queue, since: Instant::now() };
-        self.store_queue.inc();
+        let waiting = QueuePlace { queue: &self.events.store_queue, since: Instant::now() };
+        self.events.store_queue.inc();
         let stored = receipt.durable().await;
-        self.durable_seconds.observe(waiting.since.elapsed().as_secs_f64());
+        self.events.durable_seconds.observe(waiting.since.elapsed().as_secs_f64());
         if stored.is_ok() {
             *self.last_durable.lock().unwrap_or_else(PoisonError::into_inner) = Instant::now();
         }
@@ -390,13 +332,13 @@ impl Metrics {
     pub(crate) async fn planned<T>(&self, computing: impl Future<Output = T>) -> T {
         let since = Instant::now();
         let plan = computing.await;
-        self.thinking_seconds.observe(since.elapsed().as_secs_f64());
+        self.events.thinking_seconds.observe(since.elapsed().as_secs_f64());
         plan
     }
 
     /// A question was answered from the tables because no processor was free to compute a plan.
     pub(crate) fn not_planned(&self) {
-        self.unthought.inc();
+        self.events.unthought.inc();
     }
 
     /// All figures in OpenMetrics' text form.
@@ -590,6 +532,6 @@ mod tests {
         let (_never, receipt) = Receipt::pending();
         let waited = tokio::time::timeout(Duration::from_millis(5), metrics.durable(receipt)).await;
         assert!(waited.is_err());
-        assert_eq!(metrics.store_queue.get(), 0);
+        assert_eq!(metrics.events.store_queue.get(), 0);
     }
 }

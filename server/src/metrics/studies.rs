@@ -39,71 +39,33 @@ struct PredictorLabel {
 type FloatCounter = Counter<f64, AtomicU64>;
 type FloatGauge = Gauge<f64, AtomicU64>;
 
-/// The figures, by study.
-#[derive(Debug, Default)]
-pub(super) struct StudyFamilies {
-    trials: Family<StudyLabel, Gauge>,
-    states: Family<StudyLabel, Gauge>,
-    open_leases: Family<StudyLabel, Gauge>,
-    expired_leases: Family<StudyLabel, Counter>,
-    frames: Family<ModeLabel, Counter>,
-    cost: Family<ModeLabel, FloatCounter>,
-    regret: Family<ModeLabel, FloatCounter>,
-    maximised: Family<MaximisedLabel, FloatCounter>,
-    model_error: Family<PredictorLabel, FloatGauge>,
-    model_age: Family<StudyLabel, FloatGauge>,
-    unsaved_trials: Family<StudyLabel, Gauge>,
+figures! {
+    /// The figures, by study.
+    pub(super) struct StudyFamilies {
+        trials: Family<StudyLabel, Gauge>, "study_trials", "Trials that a study handed out in all";
+        states: Family<StudyLabel, Gauge>, "study_states", "States that a study has met";
+        open_leases: Family<StudyLabel, Gauge>, "study_open_leases", "Trials of a study under a lease";
+        expired_leases: Family<StudyLabel, Counter>,
+            "study_expired_leases", "Leases of a study that ran out, since it came into memory";
+        frames: Family<ModeLabel, Counter>,
+            "study_frames", "Reported frames with a cost, since the study came into memory";
+        cost: Family<ModeLabel, FloatCounter>, "study_cost",
+            "What these frames cost, in units of the objective, for shares of it; of what is maximised, the \
+             sum of reciprocals";
+        maximised: Family<MaximisedLabel, FloatCounter>, "study_maximised",
+            "What these frames reached of the metric that a study maximises, in its own unit; higher is better";
+        regret: Family<ModeLabel, FloatCounter>, "study_regret",
+            "What these frames cost above the best known of their state at that time";
+        model_error: Family<PredictorLabel, FloatGauge>, "study_model_error",
+            "Mean relative error of a predictor on trials it had not learnt, as the absolute natural logarithm";
+        model_age: Family<StudyLabel, FloatGauge>,
+            "study_model_age", "Since the study's models last learnt", Seconds;
+        unsaved_trials: Family<StudyLabel, Gauge>,
+            "study_unsaved_trials", "Completed trials that the last checkpoint does not cover";
+    }
 }
 
 impl StudyFamilies {
-    pub(super) fn register(&self, r: &mut Registry) {
-        r.register("study_trials", "Trials that a study handed out in all", self.trials.clone());
-        r.register("study_states", "States that a study has met", self.states.clone());
-        r.register("study_open_leases", "Trials of a study under a lease", self.open_leases.clone());
-        r.register(
-            "study_expired_leases",
-            "Leases of a study that ran out, since it came into memory",
-            self.expired_leases.clone(),
-        );
-        r.register(
-            "study_frames",
-            "Reported frames with a cost, since the study came into memory",
-            self.frames.clone(),
-        );
-        r.register(
-            "study_cost",
-            "What these frames cost, in units of the objective, for shares of it; of what is maximised, the sum of \
-             reciprocals",
-            self.cost.clone(),
-        );
-        r.register(
-            "study_maximised",
-            "What these frames reached of the metric that a study maximises, in its own unit; higher is better",
-            self.maximised.clone(),
-        );
-        r.register(
-            "study_regret",
-            "What these frames cost above the best known of their state at that time",
-            self.regret.clone(),
-        );
-        r.register(
-            "study_model_error",
-            "Mean relative error of a predictor on trials it had not learnt, as the absolute natural logarithm",
-            self.model_error.clone(),
-        );
-        r.register_with_unit(
-            "study_model_age",
-            "Since the study's models last learnt",
-            Unit::Seconds,
-            self.model_age.clone(),
-        );
-        r.register(
-            "study_unsaved_trials",
-            "Completed trials that the last checkpoint does not cover",
-            self.unsaved_trials.clone(),
-        );
-    }
-
     /// Shows these studies and no others.
     pub(super) fn show(&self, figures: &[StudyFigures]) {
         debug_assert!(figures.len() <= usize::from(STUDIES_SHOWN), "{} studies are shown", figures.len());
