@@ -158,22 +158,3 @@ fn in_a_flat_study_nothing_is_proven_better() {
     assert!(verdicts.get("proven better").is_none_or(|count| *count <= 1), "{verdicts:?}");
     assert!(verdicts.get("likely better").is_none_or(|count| *count <= 7), "{verdicts:?}");
 }
-
-#[test]
-fn nothing_is_called_likely_below_its_probability_or_without_the_default() {
-    for seed in 0..3 {
-        let spec =
-            StudySpec { seed, ..spec(Policy { epsilon: 1.0, trials_per_state: 110, ..Policy::default() }) };
-        let mut tuner = Tuner::new(Arc::new(spec)).expect("valid");
-        let mut random = ChaCha8Rng::seed_from_u64(seed);
-        for _ in 0..110 {
-            let trial = suggest(&mut tuner, "a", 0.5, 0.5);
-            let metrics = measured(10.0 * f64::exp(0.1 * normal(&mut random)));
-            assert!(tuner.report(&trial, metrics, Outcome::Ok, 1).is_ok());
-            let standing = tuner.best(None, None).expect("valid").expect("measured").standing;
-            let probability = standing.gain.and_then(|gain| gain.probability_better);
-            let is_said = standing.sentence().contains("likely") || standing.in_short().contains("likely");
-            assert!(!is_said || probability >= Some(LIKELY), "{standing:?}");
-        }
-    }
-}
