@@ -62,8 +62,10 @@ impl StandingVerdict {
 
 words! {
     /// The stage of the confirmation of a state's best configurations.
+    #[derive(Default)]
     pub enum ConfirmationStage {
         /// The policy wants none.
+        #[default]
         Off = "OFF",
         /// The search goes on.
         Searching = "SEARCHING",
@@ -120,8 +122,8 @@ impl fmt::Display for Gain {
 }
 
 /// The outcome of running the best few configurations of a state against its incumbent, in rounds in which
-/// each is measured once.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+/// each is measured once. The default is that of a policy that wants none.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Confirmation {
     /// The stage.
     pub stage: ConfirmationStage,
@@ -146,8 +148,8 @@ impl Confirmation {
     }
 }
 
-/// The standing of a state's answer.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+/// The standing of a state's answer. By default nothing is known but its cost, which is 0.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Standing {
     /// The cost of the answer, in the objective's units, with its 95 % interval.
     pub cost: f64,

@@ -469,23 +469,10 @@ mod tests {
         let space = SpaceBuilder::new().integer("level", 1..=9).default(3).build().expect("sound");
         let spec = StudySpec::builder(space).maximise("fps", 1000.0).build().expect("sound");
         let gain = Gain { share: 0.2, low: Some(0.0), high: Some(0.5), probability_better: None };
-        let confirmation = Confirmation {
-            stage: ConfirmationStage::Searching,
-            rounds: 0,
-            rounds_max: 0,
-            measurements: 0,
-            gain: None,
-        };
-        let standing = Standing {
-            cost: 20.0,
-            cost_low: 12.5,
-            cost_high: 25.0,
-            gain: Some(gain),
-            nothing_better: false,
-            confirmation,
-            disturbances: 0,
-            gain_at_most: None,
-        };
+        let (stage, gain) = (ConfirmationStage::Searching, Some(gain));
+        let confirmation = Confirmation { stage, ..Confirmation::default() };
+        let (cost, cost_low, cost_high) = (20.0, 12.5, 25.0);
+        let standing = Standing { cost, cost_low, cost_high, gain, confirmation, ..Standing::default() };
         let best = Best {
             configuration: Configuration::new().with("level", 5),
             cost: 20.0,

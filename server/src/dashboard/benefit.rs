@@ -145,28 +145,12 @@ pub(super) fn best_fixed(runs: &[(i64, String, f64)], defaults: &BTreeMap<i64, f
 
 #[cfg(test)]
 mod tests {
-    use treewright_core::standing::{Confirmation, ConfirmationStage, Gain};
+    use treewright_core::standing::Gain;
 
     use super::*;
 
     fn standing(gain: Option<Gain>) -> Standing {
-        let confirmation = Confirmation {
-            stage: ConfirmationStage::Off,
-            rounds: 0,
-            rounds_max: 0,
-            measurements: 0,
-            gain: None,
-        };
-        Standing {
-            cost: 8.0,
-            cost_low: 7.9,
-            cost_high: 8.1,
-            gain,
-            nothing_better: false,
-            confirmation,
-            disturbances: 0,
-            gain_at_most: None,
-        }
+        Standing { cost: 8.0, cost_low: 7.9, cost_high: 8.1, gain, ..Standing::default() }
     }
 
     #[test]

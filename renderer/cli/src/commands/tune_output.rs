@@ -185,8 +185,7 @@ mod tests {
                 gain,
                 nothing_better: stage == ConfirmationStage::NothingBetter,
                 confirmation: race,
-                disturbances: 0,
-                gain_at_most: None,
+                ..Proof::default()
             })
         };
         let printed = confirmation_of(ConfirmationStage::Better, Some(gain));

@@ -286,18 +286,9 @@ mod tests {
     }
 
     fn standing(stage: ConfirmationStage) -> Standing {
-        let confirmation =
-            Confirmation { stage, rounds: 0, rounds_max: 0, measurements: 0, gain: Some(gain(0.2, 0.1)) };
-        Standing {
-            cost: 8.0,
-            cost_low: 7.9,
-            cost_high: 8.1,
-            gain: Some(gain(0.2, 0.1)),
-            nothing_better: false,
-            confirmation,
-            disturbances: 0,
-            gain_at_most: None,
-        }
+        let gain = Some(gain(0.2, 0.1));
+        let confirmation = Confirmation { stage, gain, ..Confirmation::default() };
+        Standing { cost: 8.0, cost_low: 7.9, cost_high: 8.1, gain, confirmation, ..Standing::default() }
     }
 
     #[test]
