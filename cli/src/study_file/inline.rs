@@ -4,9 +4,9 @@ use std::ops::RangeInclusive;
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use treewright_client::{Fidelity, MeasurementLimit, Value};
+use treewright_client::{Fidelity, MeasurementLimit, Scale, Value};
 
-use super::{IndicatorEntry, Kind, Number, ParameterEntry, Plain, ScaleWord};
+use super::{IndicatorEntry, Kind, Number, ParameterEntry, Plain};
 
 /// A limit on a measurement, on either side or both.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -65,8 +65,8 @@ impl ParameterEntry {
             || format!("`{text}` is not NAME=LOW..HIGH:DEFAULT, NAME=ONE|OTHER:DEFAULT or NAME=bool:DEFAULT");
         let (name, rest) = text.split_once('=').ok_or_else(wrong)?;
         let (rest, scale) = match rest.strip_suffix(":log") {
-            Some(rest) => (rest, ScaleWord::Log),
-            None => (rest, ScaleWord::Linear),
+            Some(rest) => (rest, Scale::Log),
+            None => (rest, Scale::Linear),
         };
         let (domain, default) = rest.rsplit_once(':').ok_or_else(wrong)?;
         let plain = |text: &str| Plain::from(&Value::parse(text.trim()));
@@ -111,7 +111,7 @@ impl IndicatorEntry {
     /// One with a linear scale.
     pub(crate) fn inline(name: &str, range: RangeInclusive<f64>) -> Self {
         let (min, max) = (Number::Float(*range.start()), Number::Float(*range.end()));
-        Self { name: name.to_owned(), min, max, scale: ScaleWord::Linear }
+        Self { name: name.to_owned(), min, max, scale: Scale::Linear }
     }
 }
 

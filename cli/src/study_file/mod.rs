@@ -123,8 +123,9 @@ pub(crate) struct ParameterEntry {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     max: Option<Number>,
     /// `log` makes equal ratios equal steps; `min` must then be above 0.
-    #[serde(default, skip_serializing_if = "ScaleWord::is_linear")]
-    scale: ScaleWord,
+    #[serde(default, skip_serializing_if = "is_linear")]
+    #[schemars(schema_with = "schema::scale")]
+    scale: Scale,
     /// Only values that are so far apart, from `min` on, of `integer`. It becomes a constraint.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     step: Option<i64>,
@@ -152,40 +153,8 @@ enum Kind {
     Boolean,
 }
 
-/// How a range is spread.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "snake_case")]
-enum ScaleWord {
-    /// Equal differences are equal steps.
-    #[default]
-    Linear,
-    /// Equal ratios are equal steps.
-    Log,
-}
-
-impl ScaleWord {
-    #[allow(clippy::trivially_copy_pass_by_ref)] // serde hands over a reference
-    fn is_linear(&self) -> bool {
-        *self == Self::Linear
-    }
-}
-
-impl From<ScaleWord> for Scale {
-    fn from(word: ScaleWord) -> Self {
-        match word {
-            ScaleWord::Linear => Scale::Linear,
-            ScaleWord::Log => Scale::Log,
-        }
-    }
-}
-
-impl From<Scale> for ScaleWord {
-    fn from(scale: Scale) -> Self {
-        match scale {
-            Scale::Linear => ScaleWord::Linear,
-            Scale::Log => ScaleWord::Log,
-        }
-    }
+fn is_linear(scale: &Scale) -> bool {
+    *scale == Scale::Linear
 }
 
 /// A number as people write it.
@@ -275,8 +244,9 @@ pub(crate) struct IndicatorEntry {
     /// Mapped to 1.
     max: Number,
     /// `log` maps log(1 + value - min).
-    #[serde(default, skip_serializing_if = "ScaleWord::is_linear")]
-    scale: ScaleWord,
+    #[serde(default, skip_serializing_if = "is_linear")]
+    #[schemars(schema_with = "schema::scale")]
+    scale: Scale,
 }
 
 /// A weighted metric.
@@ -385,8 +355,7 @@ impl StudyFile {
             builder = builder.state_tolerance(tolerance);
         }
         for entry in &self.indicators {
-            builder =
-                builder.indicator(&entry.name, entry.min.float()..=entry.max.float(), entry.scale.into());
+            builder = builder.indicator(&entry.name, entry.min.float()..=entry.max.float(), entry.scale);
         }
         for term in &self.objective {
             builder = match term.maximise {
@@ -423,7 +392,7 @@ impl StudyFile {
             name: indicator.name.clone(),
             min: Number::Float(indicator.min),
             max: Number::Float(indicator.max),
-            scale: indicator.scale.into(),
+            scale: indicator.scale,
         });
         let terms = spec.objective.terms().iter();
         Self {
@@ -459,22 +428,14 @@ impl StudyFile {
 
 impl ParameterEntry {
     fn of(parameter: &Parameter) -> Self {
-        let linear = ScaleWord::Linear;
+        let linear = Scale::Linear;
         let (kind, min, max, scale, values) = match &parameter.domain {
-            Domain::Integer { min, max, scale } => (
-                Kind::Integer,
-                Some(Number::Integer(*min)),
-                Some(Number::Integer(*max)),
-                (*scale).into(),
-                Vec::new(),
-            ),
-            Domain::Float { min, max, scale } => (
-                Kind::Float,
-                Some(Number::Float(*min)),
-                Some(Number::Float(*max)),
-                (*scale).into(),
-                Vec::new(),
-            ),
+            Domain::Integer { min, max, scale } => {
+                (Kind::Integer, Some(Number::Integer(*min)), Some(Number::Integer(*max)), *scale, Vec::new())
+            }
+            Domain::Float { min, max, scale } => {
+                (Kind::Float, Some(Number::Float(*min)), Some(Number::Float(*max)), *scale, Vec::new())
+            }
             Domain::Categorical { values } => {
                 (Kind::Categorical, None, None, linear, values.iter().map(Plain::from).collect())
             }
@@ -525,7 +486,7 @@ impl ParameterEntry {
             }
         };
         let is_numeric = matches!(self.kind, Kind::Integer | Kind::Float);
-        if !is_numeric && (self.min.is_some() || self.max.is_some() || !self.scale.is_linear()) {
+        if !is_numeric && (self.min.is_some() || self.max.is_some() || !is_linear(&self.scale)) {
             return Err(format!("parameter {name}: only numbers have `min`, `max` and `scale`"));
         }
         if self.kind != Kind::Integer && self.step.is_some() {
@@ -534,7 +495,7 @@ impl ParameterEntry {
         if self.kind != Kind::Categorical && !self.values.is_empty() {
             return Err(format!("parameter {name}: only a categorical one has `values`"));
         }
-        let scale = self.scale.into();
+        let scale = self.scale;
         Ok(match self.kind {
             Kind::Integer => {
                 let (min, max) = bounds()?;

@@ -14,6 +14,11 @@ pub(crate) fn schema() -> serde_json::Value {
     schema.to_value()
 }
 
+/// Linear: equal differences are equal steps. Log: equal ratios are.
+pub(super) fn scale(_: &mut SchemaGenerator) -> Schema {
+    json_schema!({ "enum": ["linear", "log"] })
+}
+
 /// The fields of a policy, from the table that the daemon decides by.
 pub(super) fn policy(_: &mut SchemaGenerator) -> Schema {
     let mut properties = serde_json::Map::new();
