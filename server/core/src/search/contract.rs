@@ -16,7 +16,7 @@ fn method(index: usize) -> SearchMethod {
 fn setup(seed: u64, dimension: usize, budget: u32) -> SearchSetup {
     // Choices among other axes, so that both kinds of step are met; the last axis is none.
     let levels = [2, 0, 0, 3].into_iter().cycle().take(dimension - 1).collect();
-    SearchSetup { seed, state_id: 7, start: vec![0.25; dimension], budget, levels, layout: Layout::default() }
+    SearchSetup { state_id: 7, ..SearchSetup::plain(seed, vec![0.25; dimension], budget, levels) }
 }
 
 fn bowl(x: &[f64]) -> f64 {

@@ -82,8 +82,7 @@ struct Run {
 /// Runs a search the way the tuner does: configurations that were tried are answered from the table.
 fn tune(method: SearchMethod, seed: u64, budget: usize) -> Run {
     let space = table_1();
-    let start = space.encode(space.default_ref());
-    let mut search = AnySearch::new(method, SearchSetup::plain(seed, start, budget as u32, levels(&space)));
+    let mut search = AnySearch::new(method, SearchSetup::of(&space, seed, 1, budget as u32));
     let mut noise = stream(seed, Purpose::Unseen, 1, 0);
     let mut known: BTreeMap<Configuration, Verdict> = BTreeMap::new();
     let mut best = (f64::INFINITY, f64::INFINITY);

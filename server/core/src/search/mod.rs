@@ -8,7 +8,6 @@
 
 pub mod latin_hypercube;
 pub(crate) mod layout;
-mod levels;
 pub mod model;
 pub mod nelder_mead;
 mod pending;
@@ -23,7 +22,6 @@ pub use crate::decision::Step;
 pub use latin_hypercube::LatinHypercubeSearch;
 pub use layout::Layout;
 pub use layout::main_effects::{MainEffects, SourceMeasurement};
-pub use levels::levels;
 pub(crate) use model::on_grid;
 pub use model::{ModelSearch, PlannedPoint};
 pub use nelder_mead::NelderMead;
@@ -203,13 +201,8 @@ pub struct SearchSetup {
     pub start: Vec<f64>,
     /// The number of planned measurements; initial designs are sized by it.
     pub budget: u32,
-    /// The number of values of each axis, where they are few and hold equal shares of the axis, as
-    /// [`levels()`] counts them; 0 for every other axis. May be shorter than the dimension: the rest counts
-    /// as 0, as in searches that earlier versions stored.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub levels: Vec<u32>,
-    /// The meaning of each axis, for searches with a model. May be empty.
-    #[serde(default, skip_serializing_if = "Layout::is_empty")]
+    /// The meaning of each axis.
+    #[serde(default)]
     pub layout: Layout,
 }
 
@@ -217,17 +210,18 @@ impl SearchSetup {
     /// The setup of a search of a space.
     pub fn of(space: &Space, seed: u64, state_id: u64, budget: u32) -> Self {
         let (start, layout) = (space.encode(space.default_ref()), Layout::of(space));
-        SearchSetup { seed, state_id, start, budget, levels: levels(space), layout }
+        SearchSetup { seed, state_id, start, budget, layout }
     }
 
     fn dimension(&self) -> usize {
         self.start.len()
     }
 
-    /// A setup of axes without a meaning.
+    /// A setup of [plain](Layout::plain) axes.
     #[cfg(test)]
     fn plain(seed: u64, start: Vec<f64>, budget: u32, levels: Vec<u32>) -> Self {
-        SearchSetup { seed, state_id: 1, start, budget, levels, layout: Layout::default() }
+        let layout = Layout::plain(start.clone(), &levels);
+        SearchSetup { seed, state_id: 1, start, budget, layout }
     }
 }
 

@@ -109,8 +109,9 @@ impl Layout {
         self.space = space.has_expressions().then(|| Arc::new(space.clone()));
     }
 
-    /// Axes that count as numbers in 0..1, for a search that only knows their number and, for choices of
-    /// equal shares, the number of their values.
+    /// Axes that count as numbers in 0..1 or, where `levels` is not 0, as choices between so many values of
+    /// equal shares.
+    #[cfg(test)]
     pub(crate) fn plain(default: Vec<f64>, levels: &[u32]) -> Self {
         let axis = |index: usize| {
             let kind = match levels.get(index).copied().unwrap_or(0) {
@@ -136,11 +137,6 @@ impl Layout {
         let place = self.kinds().len() - self.cheaper + level;
         features[place] = 1.0;
         features
-    }
-
-    /// Whether the layout has no axes.
-    pub(crate) fn is_empty(&self) -> bool {
-        self.axes.is_empty()
     }
 
     /// The number of axes.

@@ -141,7 +141,7 @@ pub(super) fn steps(setup: &SearchSetup, random: &mut ChaCha8Rng) -> VecDeque<Ve
 
 #[cfg(test)]
 mod tests {
-    use crate::search::{Feedback, Layout, Search, SourceMeasurement, Step, Verdict};
+    use crate::search::{Feedback, Search, SourceMeasurement, Step, Verdict};
 
     use super::*;
 
@@ -201,7 +201,7 @@ mod tests {
     /// A search of six axes, the first a choice, with evidence that costs fall along the last axis.
     fn following(first: &[[f64; 6]]) -> ModelSearch {
         let setup = setup(0.5, vec![2]);
-        let layout = Layout::plain(setup.start.clone(), &setup.levels);
+        let layout = setup.layout.clone();
         let measured = (0..40).map(|index| {
             let x: Vec<f64> = (0..6).map(|axis| f64::from(index * (axis + 3) % 7) / 7.0).collect();
             SourceMeasurement { state: 0, log_cost: -x[5], x }

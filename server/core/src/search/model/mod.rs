@@ -4,9 +4,10 @@
 //! functions" (Journal of Global Optimization 13, 1998): a small design (`begin`), then again and again a
 //! Gaussian process (`gp`) is fitted to all measurements, and the point of highest expected improvement is
 //! measured next. The additions, with their sources:
-//! - *Mixed, conditional spaces.* The model sees configurations, not points of the cube (see [`Layout`]), and
-//!   the improvement is climbed by changing one parameter at a time from the best known configurations, as in
-//!   SMAC (Hutter, Hoos and Leyton-Brown, LION 5, 2011; Lindauer et al., JMLR 23, 2022).
+//! - *Mixed, conditional spaces.* The model sees configurations, not points of the cube (see
+//!   [`Layout`](crate::search::Layout)), and the improvement is climbed by changing one parameter at a time
+//!   from the best known configurations, as in SMAC (Hutter, Hoos and Leyton-Brown, LION 5, 2011; Lindauer et
+//!   al., JMLR 23, 2022).
 //! - *Infeasible regions.* A second process predicts whether a point can be run at all; the expected
 //!   improvement is multiplied by that probability, as in BaCO (Hellsten et al., ASPLOS 2024). A design is
 //!   left early where most of it cannot be run.
@@ -52,7 +53,6 @@ use treewright_model::plain::is_default;
 
 use crate::gp::{Hyperparameters, Prior};
 use crate::randomness::{Purpose, stream};
-use crate::search::layout::Layout;
 use crate::search::pending::PendingPoints;
 use crate::search::{Feedback, MainEffects, Point, Search, SearchSetup, SourceRun, Step, Verdict};
 use crate::space::Space;
@@ -160,10 +160,7 @@ struct ModelledPoint {
 
 impl ModelSearch {
     /// A fresh search: the default configuration, then a design.
-    pub fn new(mut setup: SearchSetup) -> Self {
-        if setup.layout.is_empty() {
-            setup.layout = Layout::plain(setup.start.clone(), &setup.levels);
-        }
+    pub fn new(setup: SearchSetup) -> Self {
         let kinds = setup.layout.kinds();
         let mut search = ModelSearch {
             pending: PendingPoints::default(),
