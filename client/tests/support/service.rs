@@ -50,140 +50,31 @@ impl Service {
         self.book.lock().expect("no test panics inside the book")
     }
 
-    /// Waits as long as calls of this kind are held back.
-    async fn wait(&self, kind: Hold) {
-        wait(&self.hold, kind).await;
-    }
-}
-
-async fn wait(hold: &watch::Sender<Hold>, kind: Hold) {
-    let free = |hold: &Hold| *hold == Hold::Nothing || (*hold != Hold::Everything && *hold != kind);
-    let _ = hold.subscribe().wait_for(free).await;
-}
-
-#[tonic::async_trait]
-impl TuningService for Service {
-    async fn create_study(&self, request: Request<v1::CreateStudyRequest>) -> Answer<v1::Study> {
-        self.wait(Hold::Everything).await;
-        let mut book = self.book();
-        book.enter("CreateStudy")?;
-        book.create(request.into_inner()).map(Response::new)
-    }
-
-    async fn get_study(&self, request: Request<v1::GetStudyRequest>) -> Answer<v1::Study> {
-        self.wait(Hold::Everything).await;
-        let mut book = self.book();
-        book.enter("GetStudy")?;
-        loaded(&mut book)?;
-        book.study(&request.into_inner().name).cloned().map(Response::new)
-    }
-
-    async fn list_studies(&self, _: Request<v1::ListStudiesRequest>) -> Answer<v1::ListStudiesResponse> {
-        self.wait(Hold::Everything).await;
-        let studies = self.book().studies.values().cloned().collect();
-        Ok(Response::new(v1::ListStudiesResponse { studies, next_page_token: String::new() }))
-    }
-
-    async fn update_study(&self, request: Request<v1::UpdateStudyRequest>) -> Answer<v1::Study> {
-        let v1::UpdateStudyRequest { study, update_mask } = request.into_inner();
-        let (change, mask) = (study.unwrap_or_default(), update_mask.unwrap_or_default());
-        let mut book = self.book();
-        let name = book.study(&change.name)?.name.clone();
-        let wanted = change.policy.unwrap_or_default();
-        let study = book.studies.get_mut(&name).expect("it was just there");
-        let policy = study.policy.get_or_insert_default();
-        for path in mask.paths {
-            match path.as_str() {
-                "policy.epsilon" => policy.epsilon = wanted.epsilon,
-                "policy.pinned" => policy.pinned.clone_from(&wanted.pinned),
-                "policy.lease_s" => policy.lease_s = wanted.lease_s,
-                "policy.search" => policy.search = wanted.search,
-                "display_name" => study.display_name.clone_from(&change.display_name),
-                "note" => study.note.clone_from(&change.note),
-                "tags" => study.tags.clone_from(&change.tags),
-                other => {
-                    let wrong = || Status::invalid_argument(format!("update_mask: {other}"));
-                    let tag = other.strip_prefix("tags.").ok_or_else(wrong)?;
-                    study.tags.retain(|known| known != tag);
-                    study.tags.extend(change.tags.iter().find(|given| *given == tag).cloned());
-                }
-            }
-        }
-        Ok(Response::new(study.clone()))
-    }
-
-    async fn rename_study(&self, request: Request<v1::RenameStudyRequest>) -> Answer<v1::Study> {
-        let v1::RenameStudyRequest { name, study_id } = request.into_inner();
-        let mut book = self.book();
-        book.study(&name)?;
-        let mut study = book.studies.remove(&name).expect("it was just there");
-        study.name = format!("studies/{study_id}");
-        book.studies.insert(study.name.clone(), study.clone());
-        Ok(Response::new(study))
-    }
-
-    async fn change_space(
+    /// The answer to a call, once calls of its kind are not held back any more.
+    async fn answer<Q, T>(
         &self,
-        request: Request<v1::ChangeSpaceRequest>,
-    ) -> Answer<v1::ChangeSpaceResponse> {
-        let v1::ChangeSpaceRequest { name, revision, space, validate_only, .. } = request.into_inner();
-        let mut book = self.book();
-        let mut study = book.study(&name)?.clone();
-        if study.space_revision != revision {
-            return Err(Status::failed_precondition(format!("not revision {revision}")));
+        call: &'static str,
+        kind: Option<Hold>,
+        request: Q,
+        work: impl FnOnce(&mut Book, Q) -> Result<T, Status>,
+    ) -> Answer<T> {
+        if let Some(kind) = kind {
+            wait(&self.hold, kind).await;
         }
-        if !validate_only {
-            (study.space, study.space_revision) = (space, revision + 1);
-            book.studies.insert(study.name.clone(), study.clone());
-        }
-        Ok(Response::new(v1::ChangeSpaceResponse { study: Some(study), ..Default::default() }))
-    }
-
-    async fn exclude_trial(&self, request: Request<v1::ExcludeTrialRequest>) -> Answer<v1::Trial> {
-        let v1::ExcludeTrialRequest { trial, reason, .. } = request.into_inner();
         let mut book = self.book();
-        let trial = super::book::find(&mut book.trials, &trial)?;
-        trial.exclusion = reason;
-        Ok(Response::new(trial.clone()))
+        book.enter(call)?;
+        work(&mut book, request).map(Response::new)
     }
 
-    async fn delete_study(&self, request: Request<v1::DeleteStudyRequest>) -> Answer<()> {
-        let name = request.into_inner().name;
-        let mut book = self.book();
-        book.study(&name)?;
-        book.studies.remove(&name);
-        Ok(Response::new(()))
-    }
-
-    async fn suggest(&self, request: Request<v1::SuggestRequest>) -> Answer<v1::Trial> {
-        self.wait(Hold::Suggestions).await;
-        let mut book = self.book();
-        book.enter("Suggest")?;
-        loaded(&mut book)?;
-        book.suggest(request.into_inner()).map(Response::new)
-    }
-
-    async fn report(&self, request: Request<v1::ReportRequest>) -> Answer<v1::ReportResponse> {
-        self.wait(Hold::Reports).await;
-        let mut book = self.book();
-        book.enter("Report")?;
-        let answer = book.report(request.into_inner())?;
-        if book.lose_answers > 0 {
-            book.lose_answers -= 1;
-            return Err(Status::unavailable("the answer is lost"));
-        }
-        Ok(Response::new(answer))
-    }
-
-    type TuneStream = ReceiverStream<Result<v1::TuneResponse, Status>>;
-
-    async fn tune(&self, request: Request<Streaming<v1::TuneRequest>>) -> Answer<Self::TuneStream> {
-        self.wait(Hold::Everything).await;
+    async fn stream(
+        &self,
+        mut requests: Streaming<v1::TuneRequest>,
+    ) -> Answer<ReceiverStream<Result<v1::TuneResponse, Status>>> {
+        wait(&self.hold, Hold::Everything).await;
         self.book().enter("Tune")?;
         let (answers, outgoing) = mpsc::channel(4);
         let (book, hold) = (Arc::clone(&self.book), self.hold.clone());
         tokio::spawn(async move {
-            let mut requests = request.into_inner();
             while let Ok(Some(request)) = requests.message().await {
                 wait(&hold, Hold::Suggestions).await;
                 let answer = tune(&mut book.lock().expect("no test panics inside the book"), request);
@@ -195,87 +86,174 @@ impl TuningService for Service {
         });
         Ok(Response::new(ReceiverStream::new(outgoing)))
     }
+}
 
-    async fn predict(&self, request: Request<v1::PredictRequest>) -> Answer<v1::PredictResponse> {
-        let request = request.into_inner();
-        if request.indicators.is_empty() {
-            return Err(Status::invalid_argument("indicators: `triangles` is missing"));
+/// Keeps a call waiting only while all are.
+const EVERYTHING: Option<Hold> = Some(Hold::Everything);
+
+async fn wait(hold: &watch::Sender<Hold>, kind: Hold) {
+    let free = |hold: &Hold| *hold == Hold::Nothing || (*hold != Hold::Everything && *hold != kind);
+    let _ = hold.subscribe().wait_for(free).await;
+}
+
+/// Implements the service: which work of the book each call is, and the kind of hold that keeps it waiting.
+macro_rules! methods {
+    ($($method:ident($request:ident) -> $answer:ty: $call:literal, $hold:expr, $work:expr;)+) => {
+        #[tonic::async_trait]
+        impl TuningService for Service {
+            type TuneStream = ReceiverStream<Result<v1::TuneResponse, Status>>;
+
+            async fn tune(&self, request: Request<Streaming<v1::TuneRequest>>) -> Answer<Self::TuneStream> {
+                self.stream(request.into_inner()).await
+            }
+
+            $(
+                async fn $method(&self, request: Request<v1::$request>) -> Answer<$answer> {
+                    self.answer($call, $hold, request.into_inner(), $work).await
+                }
+            )+
         }
-        let mut book = self.book();
-        book.enter("Predict")?;
-        book.asked.push(request.study.clone());
-        loaded(&mut book)?;
-        if let Some(predicted) = book.predicted.clone() {
-            return Ok(Response::new(predicted));
+    };
+}
+
+methods! {
+    create_study(CreateStudyRequest) -> v1::Study: "CreateStudy", EVERYTHING, Book::create;
+    get_study(GetStudyRequest) -> v1::Study: "GetStudy", EVERYTHING, |book, request| {
+        loaded(book)?;
+        book.study(&request.name).cloned()
+    };
+    list_studies(ListStudiesRequest) -> v1::ListStudiesResponse: "ListStudies", EVERYTHING, |book, _| {
+        let studies = book.studies.values().cloned().collect();
+        Ok(v1::ListStudiesResponse { studies, next_page_token: String::new() })
+    };
+    update_study(UpdateStudyRequest) -> v1::Study: "UpdateStudy", None, update;
+    rename_study(RenameStudyRequest) -> v1::Study: "RenameStudy", None, |book, request| {
+        book.study(&request.name)?;
+        let mut study = book.studies.remove(&request.name).expect("it was just there");
+        study.name = format!("studies/{}", request.study_id);
+        book.studies.insert(study.name.clone(), study.clone());
+        Ok(study)
+    };
+    change_space(ChangeSpaceRequest) -> v1::ChangeSpaceResponse: "ChangeSpace", None, change_space;
+    exclude_trial(ExcludeTrialRequest) -> v1::Trial: "ExcludeTrial", None, |book, request| {
+        let trial = super::book::find(&mut book.trials, &request.trial)?;
+        trial.exclusion = request.reason;
+        Ok(trial.clone())
+    };
+    delete_study(DeleteStudyRequest) -> (): "DeleteStudy", None, |book, request| {
+        book.study(&request.name)?;
+        book.studies.remove(&request.name);
+        Ok(())
+    };
+    suggest(SuggestRequest) -> v1::Trial: "Suggest", Some(Hold::Suggestions), |book, request| {
+        loaded(book)?;
+        book.suggest(request)
+    };
+    report(ReportRequest) -> v1::ReportResponse: "Report", Some(Hold::Reports), |book, request| {
+        let answer = book.report(request)?;
+        if book.lose_answers > 0 {
+            book.lose_answers -= 1;
+            return Err(Status::unavailable("the answer is lost"));
         }
-        let v1::PredictRequest { study, indicators, fingerprint, .. } = request;
-        let best = book.best(&v1::GetBestRequest { study, indicators, fingerprint, space_revision: 0 })?;
-        let reason = v1::Reason {
-            summary: "The nearest known state is 0.25 away.".into(),
-            source: "nearest_neighbour".into(),
-            step: String::new(),
-            neighbours: vec![v1::Neighbour { state_id: 1, distance: 0.25, best_cost: best.cost }],
-            explanation: Some(v1::Explanation { rule: v1::Rule::Exploit.into(), ..Default::default() }),
-        };
-        let (configuration, mode) = (best.configuration, v1::Mode::Exploit.into());
-        let predicted_cost = Some(best.cost);
-        let state = Some(v1::StateInsight {
-            state_id: 1,
-            tried: 3,
-            noise: Some(0.04),
-            expected_gain: Some(0.11),
-            expected_frames: Some(20.0),
-            exploring_cost: Some(3.5),
-            omissions: vec![v1::Omission {
-                parameter: "compact".into(),
-                reason: v1::OmissionReason::Inactive.into(),
-                summary: "it means nothing beside the best known value of builder".into(),
-                saved_trials: 7.5,
-            }],
-            ..Default::default()
-        });
-        let reason = Some(reason);
-        Ok(Response::new(v1::PredictResponse { configuration, mode, predicted_cost, reason, state }))
-    }
-
-    async fn abandon_trial(&self, request: Request<v1::AbandonTrialRequest>) -> Answer<v1::Trial> {
-        self.wait(Hold::Everything).await;
-        let mut book = self.book();
-        book.enter("AbandonTrial")?;
-        book.abandon(&request.into_inner().trial).map(Response::new)
-    }
-
-    async fn extend_lease(&self, request: Request<v1::ExtendLeaseRequest>) -> Answer<v1::Trial> {
-        let mut book = self.book();
-        book.enter("ExtendLease")?;
-        book.extend(&request.into_inner().trial).map(Response::new)
-    }
-
-    async fn get_trial(&self, request: Request<v1::GetTrialRequest>) -> Answer<v1::Trial> {
-        let name = request.into_inner().name;
-        let found = self.book().trials.iter().find(|trial| trial.name == name).cloned();
-        found.map(Response::new).ok_or_else(|| Status::not_found(name))
-    }
-
-    async fn query_trials(
-        &self,
-        request: Request<v1::QueryTrialsRequest>,
-    ) -> Answer<v1::QueryTrialsResponse> {
-        let mut book = self.book();
-        book.enter("QueryTrials")?;
-        let request = request.into_inner();
+        Ok(answer)
+    };
+    predict(PredictRequest) -> v1::PredictResponse: "Predict", None, predict;
+    abandon_trial(AbandonTrialRequest) -> v1::Trial: "AbandonTrial", EVERYTHING, |book, request| {
+        book.abandon(&request.trial)
+    };
+    extend_lease(ExtendLeaseRequest) -> v1::Trial: "ExtendLease", None, |book, request| {
+        book.extend(&request.trial)
+    };
+    get_trial(GetTrialRequest) -> v1::Trial: "GetTrial", None, |book, request| {
+        super::book::find(&mut book.trials, &request.name).cloned()
+    };
+    query_trials(QueryTrialsRequest) -> v1::QueryTrialsResponse: "QueryTrials", None, |book, request| {
         book.asked.push(request.study.clone());
-        book.query(&request).map(Response::new)
-    }
-
-    async fn get_best(&self, request: Request<v1::GetBestRequest>) -> Answer<v1::Best> {
-        let mut book = self.book();
-        book.enter("GetBest")?;
-        loaded(&mut book)?;
-        let request = request.into_inner();
+        book.query(&request)
+    };
+    get_best(GetBestRequest) -> v1::Best: "GetBest", None, |book, request| {
+        loaded(book)?;
         book.asked.push(request.study.clone());
-        book.best(&request).map(Response::new)
+        book.best(&request)
+    };
+}
+
+fn update(book: &mut Book, request: v1::UpdateStudyRequest) -> Result<v1::Study, Status> {
+    let (change, mask) = (request.study.unwrap_or_default(), request.update_mask.unwrap_or_default());
+    let name = book.study(&change.name)?.name.clone();
+    let wanted = change.policy.unwrap_or_default();
+    let study = book.studies.get_mut(&name).expect("it was just there");
+    let policy = study.policy.get_or_insert_default();
+    for path in mask.paths {
+        match path.as_str() {
+            "policy.epsilon" => policy.epsilon = wanted.epsilon,
+            "policy.pinned" => policy.pinned.clone_from(&wanted.pinned),
+            "policy.lease_s" => policy.lease_s = wanted.lease_s,
+            "policy.search" => policy.search = wanted.search,
+            "display_name" => study.display_name.clone_from(&change.display_name),
+            "note" => study.note.clone_from(&change.note),
+            "tags" => study.tags.clone_from(&change.tags),
+            other => {
+                let wrong = || Status::invalid_argument(format!("update_mask: {other}"));
+                let tag = other.strip_prefix("tags.").ok_or_else(wrong)?;
+                study.tags.retain(|known| known != tag);
+                study.tags.extend(change.tags.iter().find(|given| *given == tag).cloned());
+            }
+        }
     }
+    Ok(study.clone())
+}
+
+fn change_space(book: &mut Book, request: v1::ChangeSpaceRequest) -> Result<v1::ChangeSpaceResponse, Status> {
+    let v1::ChangeSpaceRequest { name, revision, space, validate_only, .. } = request;
+    let mut study = book.study(&name)?.clone();
+    if study.space_revision != revision {
+        return Err(Status::failed_precondition(format!("not revision {revision}")));
+    }
+    if !validate_only {
+        (study.space, study.space_revision) = (space, revision + 1);
+        book.studies.insert(study.name.clone(), study.clone());
+    }
+    Ok(v1::ChangeSpaceResponse { study: Some(study), ..Default::default() })
+}
+
+fn predict(book: &mut Book, request: v1::PredictRequest) -> Result<v1::PredictResponse, Status> {
+    if request.indicators.is_empty() {
+        return Err(Status::invalid_argument("indicators: `triangles` is missing"));
+    }
+    book.asked.push(request.study.clone());
+    loaded(book)?;
+    if let Some(predicted) = book.predicted.clone() {
+        return Ok(predicted);
+    }
+    let v1::PredictRequest { study, indicators, fingerprint, .. } = request;
+    let best = book.best(&v1::GetBestRequest { study, indicators, fingerprint, space_revision: 0 })?;
+    let reason = v1::Reason {
+        summary: "The nearest known state is 0.25 away.".into(),
+        source: "nearest_neighbour".into(),
+        step: String::new(),
+        neighbours: vec![v1::Neighbour { state_id: 1, distance: 0.25, best_cost: best.cost }],
+        explanation: Some(v1::Explanation { rule: v1::Rule::Exploit.into(), ..Default::default() }),
+    };
+    let (configuration, mode) = (best.configuration, v1::Mode::Exploit.into());
+    let predicted_cost = Some(best.cost);
+    let state = Some(v1::StateInsight {
+        state_id: 1,
+        tried: 3,
+        noise: Some(0.04),
+        expected_gain: Some(0.11),
+        expected_frames: Some(20.0),
+        exploring_cost: Some(3.5),
+        omissions: vec![v1::Omission {
+            parameter: "compact".into(),
+            reason: v1::OmissionReason::Inactive.into(),
+            summary: "it means nothing beside the best known value of builder".into(),
+            saved_trials: 7.5,
+        }],
+        ..Default::default()
+    });
+    let reason = Some(reason);
+    Ok(v1::PredictResponse { configuration, mode, predicted_cost, reason, state })
 }
 
 /// One answer of a stream; `None` breaks it.
