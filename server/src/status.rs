@@ -18,19 +18,33 @@ use crate::redirect::Redirect;
 /// The canonical code of an error.
 #[must_use]
 pub fn code(error: &Error) -> Code {
+    code_and_reason(error).0
+}
+
+/// The kind of an error in one word, for counting. `store` is a failing database, which no client can cause.
+#[must_use]
+pub fn reason(error: &Error) -> &'static str {
+    code_and_reason(error).1
+}
+
+fn code_and_reason(error: &Error) -> (Code, &'static str) {
     match error {
-        Error::Invalid { .. } => Code::InvalidArgument,
-        Error::Tuner(error) => tuner_code(error),
-        Error::Store(error) => store_code(error),
-        Error::NothingMeasured { .. } | Error::Replaced { .. } | Error::EarlierTrial { .. } => Code::NotFound,
-        Error::SpaceChanged { .. } | Error::TextChanged { .. } => Code::FailedPrecondition,
-        Error::Loading { .. } | Error::Reloading { .. } | Error::Draining => Code::Unavailable,
-        Error::Busy { .. } | Error::Quota { .. } => Code::ResourceExhausted,
-        Error::Tokens(_) => Code::Unavailable,
-        Error::Unauthenticated(_) => Code::Unauthenticated,
-        Error::Denied(_) => Code::PermissionDenied,
-        Error::Deadline { .. } => Code::DeadlineExceeded,
-        Error::Restore { .. } | Error::Defect(_) => Code::Internal,
+        Error::Invalid { .. } => (Code::InvalidArgument, "invalid"),
+        Error::Tuner(error) => (tuner_code(error), "tuner"),
+        Error::Store(error) => of_store(error),
+        Error::NothingMeasured { .. } => (Code::NotFound, "nothing_measured"),
+        Error::Replaced { .. } | Error::EarlierTrial { .. } => (Code::NotFound, "replaced"),
+        Error::SpaceChanged { .. } | Error::TextChanged { .. } => (Code::FailedPrecondition, "replaced"),
+        Error::Loading { .. } => (Code::Unavailable, "loading"),
+        Error::Reloading { .. } => (Code::Unavailable, "reloading"),
+        Error::Draining => (Code::Unavailable, "draining"),
+        Error::Busy { .. } => (Code::ResourceExhausted, "busy"),
+        Error::Quota { .. } => (Code::ResourceExhausted, "quota"),
+        Error::Tokens(_) => (Code::Unavailable, "store"),
+        Error::Unauthenticated(_) => (Code::Unauthenticated, "token"),
+        Error::Denied(_) => (Code::PermissionDenied, "scope"),
+        Error::Deadline { .. } => (Code::DeadlineExceeded, "deadline"),
+        Error::Restore { .. } | Error::Defect(_) => (Code::Internal, "defect"),
     }
 }
 
@@ -61,16 +75,16 @@ fn tuner_code(error: &TunerError) -> Code {
     }
 }
 
-fn store_code(error: &StoreError) -> Code {
+fn of_store(error: &StoreError) -> (Code, &'static str) {
     match error {
-        StoreError::StudyNotFound { .. } | StoreError::TrialNotFound { .. } => Code::NotFound,
-        StoreError::StudyExists { .. } | StoreError::NameTaken { .. } => Code::AlreadyExists,
-        StoreError::TooManyStudies { .. } | StoreError::QueueFull { .. } => Code::ResourceExhausted,
-        StoreError::Fenced { .. }
-        | StoreError::Elsewhere { .. }
-        | StoreError::Unavailable { .. }
-        | StoreError::Closed => Code::Unavailable,
-        StoreError::Inconsistent { .. } => Code::Internal,
+        StoreError::StudyNotFound { .. } | StoreError::TrialNotFound { .. } => (Code::NotFound, "not_found"),
+        StoreError::StudyExists { .. } | StoreError::NameTaken { .. } => (Code::AlreadyExists, "exists"),
+        StoreError::TooManyStudies { .. } => (Code::ResourceExhausted, "quota"),
+        StoreError::QueueFull { .. } => (Code::ResourceExhausted, "busy"),
+        StoreError::Fenced { .. } => (Code::Unavailable, "reloading"),
+        StoreError::Elsewhere { .. } => (Code::Unavailable, "elsewhere"),
+        StoreError::Unavailable { .. } | StoreError::Closed => (Code::Unavailable, "store"),
+        StoreError::Inconsistent { .. } => (Code::Internal, "defect"),
     }
 }
 
@@ -108,44 +122,6 @@ pub const REASONS: [&str; 17] = [
     "elsewhere",
     "defect",
 ];
-
-/// The kind of an error in one word, for counting. `store` is a failing database, which no client can cause.
-#[must_use]
-pub fn reason(error: &Error) -> &'static str {
-    match error {
-        Error::Invalid { .. } => "invalid",
-        Error::Unauthenticated(_) => "token",
-        Error::Denied(_) => "scope",
-        Error::Quota { .. } => "quota",
-        Error::Busy { .. } => "busy",
-        Error::Draining => "draining",
-        Error::Deadline { .. } => "deadline",
-        Error::Loading { .. } => "loading",
-        Error::Reloading { .. } => "reloading",
-        Error::NothingMeasured { .. } => "nothing_measured",
-        Error::Replaced { .. }
-        | Error::EarlierTrial { .. }
-        | Error::SpaceChanged { .. }
-        | Error::TextChanged { .. } => "replaced",
-        Error::Tuner(_) => "tuner",
-        Error::Store(error) => store_reason(error),
-        Error::Tokens(_) => "store",
-        Error::Restore { .. } | Error::Defect(_) => "defect",
-    }
-}
-
-fn store_reason(error: &StoreError) -> &'static str {
-    match error {
-        StoreError::StudyNotFound { .. } | StoreError::TrialNotFound { .. } => "not_found",
-        StoreError::StudyExists { .. } | StoreError::NameTaken { .. } => "exists",
-        StoreError::TooManyStudies { .. } => "quota",
-        StoreError::QueueFull { .. } => "busy",
-        StoreError::Fenced { .. } => "reloading",
-        StoreError::Elsewhere { .. } => "elsewhere",
-        StoreError::Unavailable { .. } | StoreError::Closed => "store",
-        StoreError::Inconsistent { .. } => "defect",
-    }
-}
 
 /// The wait before another try of the same request; `None` where waiting does not help.
 #[must_use]
