@@ -21,7 +21,7 @@ pub struct Options {
     pub credentials: Credentials,
     /// The frame loop stops every trial no later than when its cost reaches
     /// [`crate::Suggestion::abort_above`], even within a frame. A regret budget then sets far less aside for
-    /// each trial. Default false.
+    /// each trial; where none is kept, trials are stopped at four times the best cost. Default false.
     pub can_abort: bool,
     /// Every trial runs at the level that [`crate::Suggestion::fidelity`] names, where the study has cheaper
     /// ones. Default false: all trials are full ones.

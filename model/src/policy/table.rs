@@ -46,7 +46,8 @@ macro_rules! policy_table {
 
             /// Exploring trials are told to stop when they cost more than the reference by this factor, above
             /// 1.
-            abort_above: Option<f64> | f64 = None, unset "2 where a budget is kept, else never",
+            abort_above: Option<f64> | f64 = None,
+                unset "2 where a budget is kept, else 4 for clients that stop trials in time",
                 in Range::Above(1.0, COST_FACTOR_MAX), as "FACTOR";
 
             /// What a trial of a client that cannot stop is taken to cost at worst, in multiples of the

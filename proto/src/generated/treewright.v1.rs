@@ -322,7 +322,8 @@ pub struct Policy {
     #[prost(double, optional, tag = "9")]
     pub regret_budget: ::core::option::Option<f64>,
     /// Exploring trials are told to stop when their cost exceeds that of the reference by this factor
-    /// (`Trial.abort_above`). OPTIONAL, above 1, at most 1000000; unset means 2 with a regret budget, else never.
+    /// (`Trial.abort_above`). OPTIONAL, above 1, at most 1000000; unset means 2 with a regret budget, else 4 for clients that
+    /// stop trials in time (`SuggestRequest.can_abort`), and never for others.
     #[prost(double, optional, tag = "10")]
     pub abort_above: ::core::option::Option<f64>,
     /// The highest cost assumed for a trial of a client that cannot stop it, as a multiple of the reference. Only used with

@@ -203,7 +203,7 @@ impl Live {
             }
             let present = &self.tuner.spec().space;
             let nearest = |drawn: Configuration| self.earlier.nearest(revision, &drawn, present);
-            let new = self.tuner.explored_instead(&trial, nearest);
+            let new = self.tuner.explored_instead((&trial, &suggest.ask), nearest);
             let said = if new.is_some() { new_words(revision) } else { words(revision) };
             // Where the default is to run, theirs comes nearest to it.
             let known = || self.cheapest_known(revision, trial.state_id);

@@ -172,6 +172,8 @@ pub(crate) fn study(plan: &Plan) -> wire::Study {
             trials_per_state: plan.trials_per_state,
             lease_s: plan.lease_s,
             regret_budget: plan.regret_budget.filter(|_| plan.bug != Some(Bug::Overspending)),
+            // Who keeps no budget does not stop trials either.
+            abort_above: (plan.bug == Some(Bug::Overspending)).then_some(1e6),
             ..wire::Policy::default()
         }),
         ..spec_to_wire(&spec.build().expect("a study"))

@@ -441,15 +441,17 @@ impl Tuner {
     }
 
     /// In place of a trial that was to explore and that its client cannot run: a configuration without a
-    /// verdict that `of` makes of another one. `None` where the trial does not explore or its cost is
-    /// limited, and once as many configurations were tried as the policy searches.
+    /// verdict that `of` makes of another one. `None` where the trial does not explore or somebody limits its
+    /// cost, and once as many configurations were tried as the policy searches.
     pub fn explored_instead(
         &self,
-        trial: &Trial,
+        (trial, ask): (&Trial, &Ask),
         of: impl Fn(Configuration) -> Option<Configuration>,
     ) -> Option<Configuration> {
         let (state, policy) = (StateId(trial.state_id), &self.spec.policy);
-        let is_limited = policy.regret_budget.is_some() || trial.decision.abort_above().is_some();
+        let is_wanted = policy.abort_above.or(ask.session_policy.abort_above).is_some();
+        let is_stopped = is_wanted && trial.decision.abort_above().is_some();
+        let is_limited = policy.regret_budget.is_some() || is_stopped;
         let goes_on = self.states.results(state).tried() < policy.trials_per_state as usize;
         let explores = trial.decision.explores() && goes_on && !is_limited;
         explores.then(|| self.drawn(state, TrialNumber(trial.number), of)).flatten()

@@ -131,10 +131,15 @@ impl Tuner {
         self.end_spent(state);
     }
 
+    /// The factor on all costs of a client at the moment, where the policy follows the speed of machines.
+    pub(super) fn pace_of(&self, client_id: &str) -> f64 {
+        if self.spec.policy.track_speed { self.speeds.factor(client_id) } else { 1.0 }
+    }
+
     /// The verdict of a trial at a cheaper level, corrected for the present speed of its client's machine;
     /// `None` where it failed.
     fn cheaper_verdict(&self, trial: &Trial) -> Option<Verdict> {
-        let factor = if self.spec.policy.track_speed { self.speeds.factor(&trial.client_id) } else { 1.0 };
+        let factor = self.pace_of(&trial.client_id);
         let at_factor = |cost: f64| (cost / factor).min(f64::MAX);
         match &trial.outcome {
             Some(Outcome::Ok) => {
@@ -220,8 +225,7 @@ impl Tuner {
         let is_own = trial.outcome.is_some() && !is_silent(trial) && trial.decision.origin.is_none();
         let Some(cost) = trial.cost.filter(|_| is_own) else { return unchanged };
         if trial.outcome != Some(Outcome::Ok) {
-            let factor =
-                if self.spec.policy.track_speed { self.speeds.factor(&trial.client_id) } else { 1.0 };
+            let factor = self.pace_of(&trial.client_id);
             return LearntCost { cost: Some((cost / factor).min(f64::MAX)), ..unchanged };
         }
         let beside = self.beside(trial);

@@ -8,6 +8,7 @@ use crate::decision::{
     ExploredPoint,
 };
 use crate::ids::{StateId, TrialNumber};
+use crate::policy::ABORT_ABOVE_STOPPABLE;
 use crate::tuner::budget::{Denied, Terms};
 use crate::tuner::explore::Explored;
 use crate::tuner::plan::Planned;
@@ -30,8 +31,11 @@ impl Tuner {
     ) -> Prediction {
         let (policy, room) = (&self.spec.policy, self.room_of(&ask.session_policy));
         let (Some(terms), Some(account)) = (Terms::of(policy), self.visits.account(&ask.client_id)) else {
-            let best = self.states.results(state).best().map(|best| best.mean_cost);
-            let cap = ask.session_policy.abort_above.or(policy.abort_above).zip(best);
+            let own = ask.session_policy.abort_above.or(policy.abort_above);
+            let factor = own.or(ask.can_abort.then_some(ABORT_ABOVE_STOPPABLE));
+            let pace = self.pace_of(&ask.client_id);
+            let best = self.states.results(state).best().map(|best| (best.mean_cost * pace).min(f64::MAX));
+            let cap = factor.zip(best);
             let explored = self.explore((ask, room), state, number, normalised, planned);
             let (mut budget, mut abort_above) = (BudgetStatus::default(), None);
             if let (true, Some((factor, reference))) = (explored.explores(), cap) {

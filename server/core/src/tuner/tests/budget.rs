@@ -1,8 +1,12 @@
 //! The regret budget from the client's side; whether it is kept is judged in `tests/regret_budget.rs`.
 
 use proptest::prelude::*;
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
 
 use super::*;
+use crate::randomness::standard_normal;
+use crate::session::SessionPolicy;
 use crate::testing::cases;
 
 #[test]
@@ -13,6 +17,50 @@ fn who_cannot_stop_explores_only_once_the_worst_case_is_earned() {
     // 200 frames earn 20.
     let first = modes.iter().position(|mode| *mode == Mode::Explore).expect("at last");
     assert!((200..=202).contains(&first), "{first}");
+}
+
+#[test]
+fn who_can_stop_is_told_when_also_where_no_budget_is_kept() {
+    let mut tuner = tuner(explore_always());
+    let question = |session_policy| Ask { can_abort: true, session_policy, ..ask("a", 0.5, 0.5) };
+    let first = tuner.suggest(&question(SessionPolicy::default()), 0).expect("valid").0;
+    assert_eq!(first.decision.abort_above(), None, "there is nothing to compare with");
+    finish(&mut tuner, &first, Outcome::Ok);
+    let wishes = SessionPolicy { abort_above: Some(2.0), ..SessionPolicy::default() };
+    for (factor, session_policy) in [(4.0, SessionPolicy::default()), (2.0, wishes)] {
+        let trial = tuner.suggest(&question(session_policy), 0).expect("valid").0;
+        assert_eq!(trial.mode(), Mode::Explore);
+        let explanation = trial.reason().explanation;
+        let reference = explanation.reference_cost.expect("it was measured");
+        assert_eq!(explanation.abort_above, Some(factor * reference));
+        assert!((reference / cost(&first) - 1.0).abs() < 1e-9, "{reference} is the only cost");
+        assert!(tuner.abandon(&trial).is_ok());
+    }
+    let other = suggest(&mut tuner, "b", 0.5, 0.5);
+    assert_eq!((other.mode(), other.decision.abort_above()), (Mode::Explore, None), "it cannot stop");
+}
+
+#[test]
+fn who_stops_is_told_later_on_a_machine_that_became_slower() {
+    let mut tuner = tuner(Policy { track_speed: true, trials_per_state: 80, ..explore_always() });
+    let mut random = ChaCha8Rng::seed_from_u64(5);
+    let mut caps = Vec::new();
+    for number in 0..60 {
+        let question = Ask { can_abort: true, ..ask("a", 0.5, 0.5) };
+        let trial = tuner.suggest(&question, 0).expect("valid").0;
+        caps.extend(trial.decision.abort_above().map(|cap| (number, cap)));
+        let slowness = if number < 15 { 1.0 } else { 3.0 };
+        let seen = cost(&trial) * slowness * (1.0 + 0.02 * standard_normal(&mut random));
+        let _ = tuner.report(&trial, measured(seen), Outcome::Ok, 1).expect("valid");
+    }
+    let least = |from: usize, to: usize| {
+        let own = caps.iter().filter(|(number, _)| (from..to).contains(number));
+        own.map(|(_, cap)| *cap).fold(f64::INFINITY, f64::min)
+    };
+    let (before, after) = (least(0, 15), least(40, 60));
+    assert!(before.is_finite() && after.is_finite(), "{caps:?}");
+    // The best becomes better meanwhile, by less than that.
+    assert!(after > before, "{after} after {before}");
 }
 
 #[test]
