@@ -11,6 +11,7 @@
 //! | `confirmation` | the best few of a search and natives against the incumbent |
 //! | `sampling` | random configurations as a numbered sequence, for exploration without a search |
 //! | `who` | who takes part in a comparison, and the name of each for people |
+//! | `safety` | frames of a search that cost more than its start |
 //! | `verdict` | the rivals of the winner, and the frame at which tuning pays off |
 //! | `results` | all results of a run, for JSON and the report |
 
@@ -20,6 +21,7 @@ pub mod objective;
 pub mod patience;
 pub mod results;
 pub mod reuse;
+pub mod safety;
 pub mod sampling;
 pub mod search;
 pub mod verdict;

@@ -4,6 +4,7 @@ use serde::Serialize;
 use treewright_client::{Configuration, Fingerprint, Indicators, Mode, OpenEnum, Stats};
 
 use super::objective::Objective;
+use super::safety::Safety;
 use super::search::Iteration;
 use super::verdict::Gains;
 use super::who::Who;
@@ -12,6 +13,9 @@ use crate::integrator::Omission;
 use crate::measure::Standing;
 use crate::space::{Explained, Preset};
 use crate::statistics::{BreakEven, Ratio, Summary, quantile};
+
+/// Trials of the start that suffice for its cost during the search.
+const STARTS_LEAST: usize = 3;
 
 /// A finished run.
 #[derive(Clone, Debug, Serialize)]
@@ -66,6 +70,9 @@ pub struct TuningResults {
     pub disturbance: Disturbance,
     /// The predictor's answer for a camera that was never tuned.
     pub prediction: Option<Prediction>,
+    /// Frames of the trials that cost more than the start; `None` until [`TuningResults::judged`], and where
+    /// nothing ran.
+    pub safety: Option<Safety>,
     /// Time of questions to the service and of reports.
     pub overhead: Overhead,
     /// When tuning pays off.
@@ -182,6 +189,35 @@ impl TuningResults {
     pub fn speedup_over(&self, who: &Who) -> Option<f64> {
         let speedup = self.standing(&self.best)?.speedup_over(self.standing(who)?);
         (speedup.count > 0).then_some(speedup.median)
+    }
+
+    /// Frame time of a contender in the final rounds over the baseline's; `None` where one was not measured.
+    pub fn relative(&self, who: &Who) -> Option<f64> {
+        let speedup = self.standing(who)?.speedup_over(self.standing(&self.baseline)?);
+        (speedup.count > 0 && speedup.median > 0.0).then(|| 1.0 / speedup.median)
+    }
+
+    /// The cost of the start while the search ran. Where trials ran it often enough, it follows from them,
+    /// since the machine may have been slower or faster in the frames around the search than in it.
+    pub fn start_ms(&self) -> Option<f64> {
+        let of_start = self.trials.iter().filter(|trial| trial.configuration == self.start);
+        let costs: Vec<f64> = of_start.filter_map(|trial| trial.cost).collect();
+        match costs.len() >= STARTS_LEAST {
+            true => Some(Summary::of(&costs).median),
+            false => Some(self.reference_ms * self.relative(&self.began_at)?),
+        }
+    }
+
+    /// With its [`safety`](Self::safety). A trial that was stopped counts as one frame at its bound.
+    #[must_use]
+    pub fn judged(self) -> Self {
+        let cost = |trial: &Iteration| match trial.stopped_at() {
+            Some(bound) => Some((1, bound)),
+            None => Some((trial.frames(self.frames_per_trial), trial.cost?)),
+        };
+        let costs = self.trials.iter().filter_map(cost);
+        let safety = self.start_ms().and_then(|start_ms| Safety::of(costs, start_ms));
+        Self { safety, ..self }
     }
 
     /// After how many trials the service's answer is shown to be `factor` times as fast as the start, where

@@ -72,6 +72,12 @@ impl Iteration {
         }
     }
 
+    /// The frames that it showed, where each trial has `frames` unless it says otherwise; 0 where it was
+    /// stopped or could not be built.
+    pub fn frames(&self, frames: u32) -> u32 {
+        self.times.map_or(0, |times| times.frames.unwrap_or(frames))
+    }
+
     /// Whether there is neither a cost nor a bound of one.
     pub fn has_failed(&self) -> bool {
         self.cost.is_none() && self.stopped_at().is_none()

@@ -281,7 +281,7 @@ pub fn contender(
 
 /// Break-even from the measurements. The search's own costs are those of its time. Later frames of the
 /// baseline have its cost in the final rounds, and those of the best configuration that cost over its
-/// speed-up in these rounds. `frames` is the number of frames of each trial.
+/// speed-up in these rounds. `frames` is the number of frames of each trial that does not name its own.
 pub fn break_even(
     found: &SearchOutcome,
     objective: Objective,
@@ -302,7 +302,7 @@ pub fn break_even(
     let trials = &found.trials;
     BreakEven {
         tuning_ms: trials.iter().map(|trial| trial.total_ms).sum(),
-        frames_while_tuning: frames * trials.iter().filter(|trial| trial.times.is_some()).count() as u32,
+        frames_while_tuning: trials.iter().map(|trial| trial.frames(frames)).sum(),
         tuned_setup_ms: setup(best),
         tuned_frame_ms: frame_ms / speedup,
         default_setup_ms: setup(baseline),
@@ -314,6 +314,7 @@ pub fn break_even(
 mod tests {
     use super::*;
     use crate::disturbance::Disturbance;
+    use crate::frame::FrameTimes;
     use crate::measure::{Measured, standings};
     use crate::statistics::Summary;
     use crate::tuning::search::testing::trial;
@@ -485,9 +486,10 @@ mod tests {
             failure: None,
         };
         let standings = [standing(Who::PaperDefault, 20.0, 1.0), standing(Who::Tuned, 30.0, 1.25)];
-        let trials = vec![trial(Some(10.0), 1), trial(None, 2), trial(Some(8.0), 3)];
+        let mut trials = vec![trial(Some(10.0), 1), trial(None, 2), trial(Some(8.0), 3)];
         // The machine's speed in another minute says nothing of frames to come.
-        let found = SearchOutcome { trials, reference_ms: 17.0, disturbance: Disturbance::default() };
+        let disturbance = Disturbance::default();
+        let found = SearchOutcome { trials: trials.clone(), reference_ms: 17.0, disturbance };
         let costs = |of| break_even(&found, of, 1, &standings, &Who::Tuned, &Who::PaperDefault);
         let render = costs(Objective::Render);
         assert_eq!((render.tuning_ms, render.frames_while_tuning), (36.0, 2));
@@ -496,5 +498,10 @@ mod tests {
         assert_eq!(render.frame(), Some(15));
         let total = costs(Objective::Total);
         assert_eq!((total.default_setup_ms, total.tuned_setup_ms), (0.0, 0.0));
+        // Frames that followed a slow build were shown, too.
+        trials[0].times = Some(FrameTimes { frames: Some(4), ..FrameTimes::of(5.0, 10.0) });
+        let found = SearchOutcome { trials, ..found };
+        let more = break_even(&found, Objective::Render, 1, &standings, &Who::Tuned, &Who::PaperDefault);
+        assert_eq!(more.frames_while_tuning, 5);
     }
 }

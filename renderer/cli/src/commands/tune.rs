@@ -204,6 +204,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
         study: id,
         machine: machine().threads(u32::try_from(renderer.threads()).unwrap_or(u32::MAX)),
         indicators: setting.indicators.clone(),
+        safety: None,
         overhead: Overhead::of(&found.trials),
         trials: found.trials,
         confirmation: proof,
@@ -220,7 +221,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
         break_even_frame: break_even.frame(),
         client: client.stats(),
         notes,
-    };
+    }
+    .judged();
     tune_output::print(&results);
     if let Some(path) = &arguments.json {
         write_file(path, output::to_json(&results)?.as_bytes())?;

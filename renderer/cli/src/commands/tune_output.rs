@@ -3,6 +3,7 @@
 use treewright_client::Standing as Proof;
 
 use crate::output;
+use crate::report::session;
 use treewright_renderer::measure::Standing;
 use treewright_renderer::tuning::objective::Objective;
 use treewright_renderer::tuning::results::TuningResults;
@@ -10,6 +11,9 @@ use treewright_renderer::tuning::who::Who;
 
 /// Speed-ups whose first trial is shown.
 const FACTORS: [f64; 4] = [1.1, 1.2, 1.3, 1.4];
+
+/// Frames after which the time of the whole session is shown.
+const SESSIONS: [u32; 3] = [100, 1000, 10_000];
 
 /// Prints the results for people.
 pub(crate) fn print(results: &TuningResults) {
@@ -57,6 +61,12 @@ pub(crate) fn print(results: &TuningResults) {
         None => {
             println!("break-even: never, since nothing is faster than the {}", results.baseline)
         }
+    }
+    if let Some(safety) = &results.safety {
+        println!("safety: {}", safety.sentence(&format!("the {}", results.began_at)));
+    }
+    if let Some(session) = whole_session(results) {
+        println!("{session}");
     }
     let (failed, stopped, all) = (results.failed(), results.stopped(), results.trials.len());
     if failed > 0 {
@@ -161,6 +171,20 @@ fn on_the_way(results: &TuningResults) -> Option<String> {
     let shown = if until.is_empty() { String::new() } else { format!("; shown: {}", until.join(", ")) };
     let start = &results.began_at;
     (!steps.is_empty()).then(|| format!("on the way, over the {start}: {}{shown}", steps.join(", ")))
+}
+
+/// The time of the whole session over that of the baseline.
+fn whole_session(results: &TuningResults) -> Option<String> {
+    let ratios: Vec<String> = SESSIONS
+        .iter()
+        .filter_map(|frames| {
+            Some(format!("{:.2} after {frames} frames", session::ratio_at(results, f64::from(*frames))?))
+        })
+        .collect();
+    let baseline = &results.baseline;
+    (!ratios.is_empty()).then(|| {
+        format!("time of the whole session, with {baseline} from the first frame = 1: {}", ratios.join(", "))
+    })
 }
 
 /// The result of the service's own race of the best few against the start.

@@ -4,17 +4,13 @@
 
 use treewright_figures::{Axis, Colour, Dot, Figure, Stroke};
 
-use super::parts::{predicted, relative, roofline};
-use treewright_renderer::statistics::Summary;
+use super::parts::{predicted, roofline};
 use treewright_renderer::tuning::results::TuningResults;
 use treewright_renderer::tuning::search::Iteration;
 use treewright_renderer::tuning::who::Who;
 
 /// Trials slower than this many times the baseline are drawn at the upper edge.
 const CAP: f64 = 3.0;
-
-/// Trials of the start that suffice for its cost during the search.
-const STARTS_LEAST: usize = 3;
 
 /// The curve as an SVG element for the inside of the page.
 pub(super) fn svg(results: &TuningResults) -> String {
@@ -40,7 +36,7 @@ pub(super) fn svg(results: &TuningResults) -> String {
         (Who::BestFixed, Colour::Blue, "best fixed configuration"),
     ] {
         // The baseline is drawn already, and equal names have one place in the legend.
-        if let Some(level) = relative(results, &who).filter(|_| results.baseline != who) {
+        if let Some(level) = results.relative(&who).filter(|_| results.baseline != who) {
             figure.level(level, Stroke::Dotted, colour, name);
         }
     }
@@ -60,13 +56,8 @@ pub(super) fn svg(results: &TuningResults) -> String {
     figure.finish()
 }
 
-/// The cost that is drawn as 1. Where trials ran the configuration of the start often enough, it follows from
-/// them, since the machine may have been slower or faster in the frames around the search than in it.
+/// The cost that is drawn as 1: the baseline's while the search ran.
 fn unit_ms(results: &TuningResults) -> f64 {
-    let of_start = |trial: &&Iteration| trial.configuration == results.start;
-    let costs: Vec<f64> = results.trials.iter().filter(of_start).filter_map(|trial| trial.cost).collect();
-    match relative(results, &results.began_at) {
-        Some(level) if costs.len() >= STARTS_LEAST => Summary::of(&costs).median / level,
-        _ => results.reference_ms,
-    }
+    let start = results.start_ms().zip(results.relative(&results.began_at));
+    start.map_or(results.reference_ms, |(start_ms, level)| start_ms / level)
 }

@@ -5,7 +5,7 @@
 
 mod chart;
 mod parts;
-mod session;
+pub(crate) mod session;
 
 use askama::Template;
 use base64::Engine;
@@ -72,6 +72,7 @@ struct Page<'a> {
     configurations: Vec<ConfigurationRow>,
     has_prediction: bool,
     overhead: String,
+    safety: Option<String>,
     break_even: String,
     machine: String,
     study: &'a str,
@@ -135,6 +136,7 @@ fn page(results: &TuningResults, default: &Picture, tuned: &Picture) -> Result<S
         configurations: parts::configurations(results),
         has_prediction: results.prediction.is_some(),
         overhead: parts::overhead(results),
+        safety: parts::safety(results),
         break_even: parts::break_even(results),
         machine: parts::machine(results),
         study: &results.study,

@@ -229,6 +229,11 @@ pub(super) fn overhead(results: &TuningResults) -> String {
     )
 }
 
+/// The frames of the search that cost more than its start.
+pub(super) fn safety(results: &TuningResults) -> Option<String> {
+    results.safety.map(|safety| safety.sentence(&the(&results.began_at)) + ".")
+}
+
 pub(super) fn break_even(results: &TuningResults) -> String {
     match results.break_even_frame {
         Some(frame) => format!(
@@ -354,12 +359,6 @@ pub(super) fn thousands(number: usize) -> String {
 /// Relative frame time of the best: the roofline.
 pub(super) fn roofline(results: &TuningResults) -> f64 {
     1.0 / results.speedup().max(f64::MIN_POSITIVE)
-}
-
-/// Relative frame time of a contender in the rounds.
-pub(super) fn relative(results: &TuningResults, who: &Who) -> Option<f64> {
-    let speedup = results.standing(who)?.speedup_over(results.standing(&results.baseline)?);
-    (speedup.count > 0 && speedup.median > 0.0).then(|| 1.0 / speedup.median)
 }
 
 /// Relative frame time of the prediction on the fresh camera.

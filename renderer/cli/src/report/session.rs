@@ -3,7 +3,7 @@
 
 use treewright_figures::{Axis, Colour, Figure, Stroke};
 
-use super::parts::{relative, roofline};
+use super::parts::roofline;
 use treewright_renderer::tuning::results::TuningResults;
 use treewright_renderer::tuning::who::Who;
 
@@ -25,9 +25,11 @@ pub(super) fn curve(results: &TuningResults) -> Vec<(f64, f64)> {
     for trial in &results.trials {
         spent_ms += trial.total_ms;
         // A trial that could not be built or was stopped showed nothing.
-        let Some(times) = trial.times else { continue };
-        frames += f64::from(times.frames.unwrap_or(results.frames_per_trial));
-        curve.push((frames, spent_ms / start_ms(frames)));
+        let shown = trial.frames(results.frames_per_trial);
+        if shown > 0 {
+            frames += f64::from(shown);
+            curve.push((frames, spent_ms / start_ms(frames)));
+        }
     }
     if curve.is_empty() || pay.default_frame_ms <= 0.0 {
         return Vec::new();
@@ -42,6 +44,18 @@ pub(super) fn curve(results: &TuningResults) -> Vec<(f64, f64)> {
     curve
 }
 
+/// The time spent by the frame `at` over that of the start by then; `None` where the curve does not reach that
+/// frame.
+pub(crate) fn ratio_at(results: &TuningResults, at: f64) -> Option<f64> {
+    let curve = curve(results);
+    let after = curve.iter().position(|(frame, _)| *frame >= at)?;
+    let (frame, ratio) = curve[after];
+    let Some((before, earlier)) = after.checked_sub(1).map(|before| curve[before]) else {
+        return Some(ratio);
+    };
+    Some(earlier + (ratio - earlier) * (at - before) / (frame - before))
+}
+
 /// The curve as an SVG element for the inside of the page; none where nothing ran.
 pub(super) fn svg(results: &TuningResults) -> Option<String> {
     let curve = curve(results);
@@ -51,7 +65,7 @@ pub(super) fn svg(results: &TuningResults) -> Option<String> {
     let y = Axis::between(&format!("time spent, {} = 1", results.baseline), 0.0, most);
     let mut figure = Figure::new("Time of the whole session", [900.0, 360.0], x, y);
     figure.level(1.0, Stroke::Dotted, Colour::Ink, &results.baseline.to_string());
-    let fixed = relative(results, &Who::BestFixed).filter(|_| results.baseline != Who::BestFixed);
+    let fixed = results.relative(&Who::BestFixed).filter(|_| results.baseline != Who::BestFixed);
     if let Some(level) = fixed {
         figure.level(level, Stroke::Dotted, Colour::Blue, "best fixed configuration");
     }

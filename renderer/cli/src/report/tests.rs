@@ -92,6 +92,7 @@ fn results(tuned_ms: f64, scene: &str) -> TuningResults {
             ..Fingerprint::default()
         },
         indicators: Indicators::new(),
+        safety: None,
         overhead: Overhead::of(&trials),
         trials,
         confirmation: None,
@@ -252,4 +253,30 @@ fn the_way_and_the_whole_session_are_told_from_where_the_search_began() {
     assert_eq!(curve[2], (3.0, 1124.0 / 320.0));
     let last = curve.last().expect("it goes on");
     assert!(last.1 < 1.0, "past break-even the session costs less than its start: {last:?}");
+    assert_eq!(session::ratio_at(&results, 1.0), Some(curve[0].1));
+    let between = session::ratio_at(&results, 2.5).expect("it is on the curve");
+    assert!((between - (curve[1].1 + curve[2].1) / 2.0).abs() < 1e-9, "{between}");
+    assert_eq!(session::ratio_at(&results, last.0 + 1.0), None, "the curve ends");
+}
+
+#[test]
+fn frames_that_cost_more_than_the_start_are_told() {
+    let mut results = results(50.0, "hall");
+    // By the rounds the start takes 52 of the baseline's 100 ms, and no trial ran it.
+    assert!(results.start_ms().is_some_and(|start_ms| (start_ms - 52.0).abs() < 0.1));
+    results.trials[1].outcome = Outcome::aborted(60.0);
+    let results = results.judged();
+    let safety = results.safety.expect("four frames ran");
+    assert_eq!((safety.frames, safety.dear), (4, 3), "the stopped one, too");
+    assert!((safety.worst - 900.0 / 52.0).abs() < 0.1, "{safety:?}");
+    let html = page(&results, &grey(), &grey()).expect("the page is made");
+    assert!(html.contains(
+        "3 of the 4 frames of the search (75 %) cost more than 1.1 times the best fixed configuration"
+    ));
+    // Where trials ran the start often enough, its cost is theirs.
+    let start = results.start.clone();
+    let ran = results.trials.iter().map(|trial| Iteration { configuration: start.clone(), ..trial.clone() });
+    let ran = TuningResults { trials: ran.collect(), ..results }.judged();
+    assert_eq!(ran.start_ms(), Some(100.0));
+    assert_eq!(ran.safety.map(|safety| safety.dear), Some(1));
 }

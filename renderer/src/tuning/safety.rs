@@ -1,0 +1,90 @@
+//! Which frames of a search cost more than its start would have, and how much more.
+//!
+//! Nobody looks at the frames of a search that runs by itself. In a program that is tuned while it is used,
+//! each of them is a frame that a user waits for.
+
+use serde::Serialize;
+
+/// Frames that cost more than this many times the start are dear.
+pub const DEAR_ABOVE: f64 = 1.1;
+
+/// A session is taken for safe once at most one of so many frames was dear.
+const FRAMES_PER_DEAR: u64 = 20;
+
+/// The frames of a search beside its start.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Safety {
+    /// Frames with a cost, or with the bound at which they were stopped.
+    pub frames: u64,
+    /// Those that cost more than [`DEAR_ABOVE`] times the start.
+    pub dear: u64,
+    /// Cost of the dearest over that of the start.
+    pub worst: f64,
+}
+
+impl Safety {
+    /// Of numbers of frames with their cost, beside a start whose frames cost `start` in the same unit. `None`
+    /// without frames, or where the start has no cost above 0.
+    pub fn of(costs: impl IntoIterator<Item = (u32, f64)>, start: f64) -> Option<Self> {
+        let mut safety = Self { frames: 0, dear: 0, worst: 0.0 };
+        for (frames, cost) in costs {
+            let (frames, ratio) = (u64::from(frames), cost / start);
+            safety.frames += frames;
+            safety.dear += if ratio > DEAR_ABOVE { frames } else { 0 };
+            safety.worst = safety.worst.max(ratio);
+        }
+        (safety.frames > 0 && start > 0.0 && safety.worst.is_finite()).then_some(safety)
+    }
+
+    /// Share of dear frames, 0 to 1.
+    pub fn share(&self) -> f64 {
+        self.dear as f64 / self.frames.max(1) as f64
+    }
+
+    /// Frames after which at most one in twenty was dear, if none is after the search.
+    pub fn safe_after(&self) -> u64 {
+        self.frames.max(self.dear * FRAMES_PER_DEAR)
+    }
+
+    /// In words, as a clause. `start` is the start's name in a sentence.
+    pub fn sentence(&self, start: &str) -> String {
+        let Self { frames, dear, worst } = self;
+        let percent = 100.0 * self.share();
+        let told = format!(
+            "{dear} of the {frames} frames of the search ({percent:.0} %) cost more than {DEAR_ABOVE} times {start}, \
+             the dearest {worst:.2} times"
+        );
+        match self.safe_after() {
+            after if after > *frames => format!("{told}; they are 5 % of a session of {after} frames"),
+            _ => told,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn dear_frames_are_counted_beside_the_start() {
+        let costs = [(1, 10.0), (3, 11.5), (1, 9.0), (5, 10.9), (1, 24.0)];
+        let safety = Safety::of(costs, 10.0).expect("there are frames");
+        assert_eq!(safety, Safety { frames: 11, dear: 4, worst: 2.4 });
+        assert_eq!(safety.safe_after(), 80);
+        assert_eq!(
+            safety.sentence("the start"),
+            "4 of the 11 frames of the search (36 %) cost more than 1.1 times the start, the dearest 2.40 times; \
+             they are 5 % of a session of 80 frames"
+        );
+        let calm = Safety::of([(30, 9.0), (1, 11.1)], 10.0).expect("there are frames");
+        assert_eq!((calm.dear, calm.safe_after()), (1, 31));
+        assert!(calm.sentence("it").ends_with("the dearest 1.11 times"));
+    }
+
+    #[test]
+    fn without_a_start_or_frames_nothing_is_told() {
+        assert_eq!(Safety::of([], 10.0), None);
+        assert_eq!(Safety::of([(1, 10.0)], 0.0), None);
+        assert_eq!(Safety::of([(1, f64::INFINITY)], 1.0), None);
+    }
+}
