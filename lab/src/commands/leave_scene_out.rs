@@ -11,7 +11,9 @@ use treewright_render_cli::interrupt::Interrupt;
 use treewright_render_cli::output;
 use treewright_render_cli::server::machine;
 use treewright_renderer::limits::ROUNDS_MAX;
+use treewright_renderer::statistics::Summary;
 use treewright_renderer::tuning::objective::Objective;
+use treewright_renderer::tuning::safety::{DEAR_ABOVE, Safety};
 use treewright_renderer::tuning::who::Who;
 
 use super::evaluate_setup::{SceneArguments, with_versions};
@@ -227,5 +229,24 @@ fn print(rows: &[Row]) {
             line(after("the fastest that ran"), of_roofline.collect());
         }
         println!("{table}");
+        if let Some(words) = dear_frames(&own) {
+            println!("{words}");
+        }
     }
+}
+
+/// Which frames of the searches cost more than the recommended start, over all scenes.
+fn dear_frames(rows: &[&Row]) -> Option<String> {
+    let all: Vec<Safety> = rows.iter().filter_map(|row| row.safety).collect();
+    let most = |of: fn(&Safety) -> f64| all.iter().map(of).fold(0.0, f64::max);
+    let shares: Vec<f64> = all.iter().map(Safety::share).collect();
+    (!all.is_empty()).then(|| {
+        format!(
+            "frames of a search above {DEAR_ABOVE} times the recommended start: {:.0} % (median of the scenes), {:.0} % at \
+             most; the dearest {:.2} times",
+            100.0 * Summary::of(&shares).median,
+            100.0 * most(Safety::share),
+            most(|safety| safety.worst),
+        )
+    })
 }

@@ -5,12 +5,13 @@ use std::borrow::Cow;
 use std::collections::{BTreeMap, BTreeSet};
 
 use serde::Serialize;
-use treewright_client::Configuration;
+use treewright_client::{Configuration, Outcome};
 use treewright_renderer::statistics::{Ratio, Summary, quantile};
 use treewright_renderer::tuning::objective::Objective;
+use treewright_renderer::tuning::safety::{Safety, start_cost};
 use treewright_renderer::tuning::who::{NATIVE_DEFAULT, Who};
 
-use super::book::{Book, RecordedContender, RecordedRounds};
+use super::book::{Book, RecordedContender, RecordedRounds, RecordedSearch, RecordedTrial};
 
 /// Names of steps in a book.
 pub(crate) const CANDIDATES: &str = "candidates";
@@ -138,6 +139,9 @@ pub(crate) struct Row {
     /// The best fixed configuration of the other scenes over native Embree's default and used well.
     pub(crate) fixed_over_default: Ratio,
     pub(crate) fixed_over_used_well: Ratio,
+    /// Frames of the search that cost more than the recommended start; `None` where either did not run.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) safety: Option<Safety>,
 }
 
 /// Every final run of rounds as a row.
@@ -154,9 +158,30 @@ pub(crate) fn rows(book: &Book, objectives: &[Objective]) -> Vec<Row> {
             continue;
         };
         let fixed = fixed_of_others(book, *objective, scene, context).map(|fixed| fixed.configuration);
-        all.extend(row(rounds, fixed.as_ref(), *objective, scene, context));
+        let search = book.searches.get(&key(LEFT_OUT, *objective, scene, context));
+        let safety = search.and_then(|search| safety(search, rounds, *objective));
+        let row = row(rounds, fixed.as_ref(), *objective, scene, context);
+        all.extend(row.map(|row| Row { safety, ..row }));
     }
     all
+}
+
+/// The frames of a search that cost more than the recommended start.
+fn safety(search: &RecordedSearch, rounds: &RecordedRounds, objective: Objective) -> Option<Safety> {
+    let start = rounds.find(&Who::BestFixed)?;
+    let cost = |trial: &RecordedTrial| match trial.outcome {
+        Outcome::Aborted { lower_bound } => Some(lower_bound),
+        _ => Some(objective.cost(trial.times?)),
+    };
+    let is_start = |trial: &&RecordedTrial| start.configuration.as_ref() == Some(&trial.configuration);
+    let of_start: Vec<f64> = search.trials.iter().filter(is_start).filter_map(cost).collect();
+    let in_rounds = || {
+        let frames_ms = start.frame_ms(objective.frames_per_build());
+        (!frames_ms.is_empty()).then(|| Summary::of(&frames_ms).median)
+    };
+    let frames = |trial: &RecordedTrial| trial.times.and_then(|times| times.frames).unwrap_or(1);
+    let costs = search.trials.iter().filter_map(|trial| Some((frames(trial), cost(trial)?)));
+    Safety::of(costs, start_cost(&of_start, in_rounds)?)
 }
 
 /// `fixed` is the best fixed configuration of the other scenes; where it did not run, it is what the rounds
@@ -210,6 +235,7 @@ fn row(
         of_roofline: answers.iter().map(|(frames, one)| (*frames, best_ms / median(one))).collect(),
         fixed_over_default: Ratio::of(&of(native), &of(fixed)),
         fixed_over_used_well: Ratio::of(&of(used_well), &of(fixed)),
+        safety: None,
     })
 }
 
@@ -232,6 +258,8 @@ impl Overall {
 
 #[cfg(test)]
 mod tests {
+    use treewright_renderer::frame::FrameTimes;
+
     use super::*;
 
     const NATIVE: &str = "native Embree default";
@@ -319,7 +347,46 @@ mod tests {
         assert!((at(&all[0].over_fixed, 1) - 50.0 / 55.0).abs() < 1e-9);
         assert!((at(&all[0].over_used_well, 60) - 1.5).abs() < 1e-9);
         assert!((all[0].of_roofline[&60] - 39.0 / 40.0).abs() < 1e-9);
+        assert_eq!(all[0].safety, None, "no search was recorded");
         let overall = Overall::of([1.0, 4.0].into_iter());
         assert_eq!((overall.median, overall.least, overall.mean), (2.5, 1.0, 2.0));
+    }
+
+    #[test]
+    fn dear_frames_of_a_search_are_those_above_the_recommended_start() {
+        let final_rounds = rounds(&[
+            (NATIVE, 99.0),
+            ("native used well low", 79.0),
+            ("best fixed of the other scenes", 49.0),
+            ("best fixed configuration", 49.0),
+            ("after 60 frames", 39.0),
+        ]);
+        let name = |kind| key(kind, Objective::Render, "hall", "2@320x240");
+        // A thousandth of the build of a second is 1 ms.
+        let trial = |name: &str, render_ms: f64, frames: Option<u32>| RecordedTrial {
+            configuration: Configuration::new().with("name", name),
+            outcome: Outcome::Ok,
+            times: Some(FrameTimes { frames, ..FrameTimes::of(1000.0, render_ms) }),
+        };
+        let stopped =
+            RecordedTrial { outcome: Outcome::aborted(120.0), times: None, ..trial("b", 0.0, None) };
+        let search = RecordedSearch {
+            state: treewright_client::Indicators::new(),
+            trials: vec![trial("a", 52.0, None), trial("c", 74.0, Some(3)), stopped, trial("d", 39.0, None)],
+            first_answer: Configuration::new(),
+            answers: BTreeMap::new(),
+            disturbed: false,
+        };
+        let mut book = Book {
+            rounds: BTreeMap::from([(name(FINAL), final_rounds)]),
+            searches: BTreeMap::from([(name(LEFT_OUT), search)]),
+            ..Book::default()
+        };
+        let of = |book: &Book| rows(book, &[Objective::Render])[0].safety.expect("both ran");
+        assert_eq!(of(&book), Safety { frames: 6, dear: 4, worst: 2.4 }, "the start takes 50 ms");
+        // On a machine that was half as fast meanwhile, the start took 100 ms.
+        let own = (0..3).map(|_| trial("best fixed configuration", 99.0, None));
+        book.searches.get_mut(&name(LEFT_OUT)).expect("it is there").trials.extend(own);
+        assert_eq!(of(&book), Safety { frames: 9, dear: 1, worst: 1.2 });
     }
 }

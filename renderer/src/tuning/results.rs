@@ -4,7 +4,7 @@ use serde::Serialize;
 use treewright_client::{Configuration, Fingerprint, Indicators, Mode, OpenEnum, Stats};
 
 use super::objective::Objective;
-use super::safety::Safety;
+use super::safety::{Safety, start_cost};
 use super::search::Iteration;
 use super::verdict::Gains;
 use super::who::Who;
@@ -13,9 +13,6 @@ use crate::integrator::Omission;
 use crate::measure::Standing;
 use crate::space::{Explained, Preset};
 use crate::statistics::{BreakEven, Ratio, Summary, quantile};
-
-/// Trials of the start that suffice for its cost during the search.
-const STARTS_LEAST: usize = 3;
 
 /// A finished run.
 #[derive(Clone, Debug, Serialize)]
@@ -197,15 +194,12 @@ impl TuningResults {
         (speedup.count > 0 && speedup.median > 0.0).then(|| 1.0 / speedup.median)
     }
 
-    /// The cost of the start while the search ran. Where trials ran it often enough, it follows from them,
-    /// since the machine may have been slower or faster in the frames around the search than in it.
+    /// The cost of the start while the search ran: that of its trials, else of the baseline's frames around
+    /// the search and the final rounds.
     pub fn start_ms(&self) -> Option<f64> {
         let of_start = self.trials.iter().filter(|trial| trial.configuration == self.start);
         let costs: Vec<f64> = of_start.filter_map(|trial| trial.cost).collect();
-        match costs.len() >= STARTS_LEAST {
-            true => Some(Summary::of(&costs).median),
-            false => Some(self.reference_ms * self.relative(&self.began_at)?),
-        }
+        start_cost(&costs, || Some(self.reference_ms * self.relative(&self.began_at)?))
     }
 
     /// With its [`safety`](Self::safety). A trial that was stopped counts as one frame at its bound.

@@ -5,11 +5,25 @@
 
 use serde::Serialize;
 
+use crate::statistics::Summary;
+
 /// Frames that cost more than this many times the start are dear.
 pub const DEAR_ABOVE: f64 = 1.1;
 
 /// A session is taken for safe once at most one of so many frames was dear.
 const FRAMES_PER_DEAR: u64 = 20;
+
+/// Trials of the start that suffice for its cost during a search.
+const STARTS_LEAST: usize = 3;
+
+/// The cost of a start while a search ran. Where trials ran it often enough, it is the median of their costs,
+/// since the machine may have been slower or faster at other times; else it is what `otherwise` says.
+pub fn start_cost(trials: &[f64], otherwise: impl FnOnce() -> Option<f64>) -> Option<f64> {
+    match trials.len() >= STARTS_LEAST {
+        true => Some(Summary::of(trials).median),
+        false => otherwise(),
+    }
+}
 
 /// The frames of a search beside its start.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -79,6 +93,13 @@ mod tests {
         let calm = Safety::of([(30, 9.0), (1, 11.1)], 10.0).expect("there are frames");
         assert_eq!((calm.dear, calm.safe_after()), (1, 31));
         assert!(calm.sentence("it").ends_with("the dearest 1.11 times"));
+    }
+
+    #[test]
+    fn a_start_that_was_measured_in_the_search_costs_what_it_cost_there() {
+        assert_eq!(start_cost(&[9.0, 12.0, 10.0], || Some(7.0)), Some(10.0));
+        assert_eq!(start_cost(&[9.0, 12.0], || Some(7.0)), Some(7.0));
+        assert_eq!(start_cost(&[], || None), None);
     }
 
     #[test]
