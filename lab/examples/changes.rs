@@ -147,8 +147,8 @@ impl Session {
     }
 }
 
-/// Frames after which the state is searched again, infinite where it is not. `None` where the search keeps the
-/// default's kind: the default shows the machine's speed, and is to stay as it is.
+/// Frames after which the state is searched again, infinite where it is not. `None` where the search keeps
+/// the default's kind: the default shows the machine's speed, and is to stay as it is.
 fn delay(noise: f64, change: f64, seed: u64) -> Option<f64> {
     let machine = Machine { noise, is_loaded: false, tells_cpu: false };
     let mut session = Session::new(machine, seed);

@@ -23,6 +23,7 @@ mod kernels;
 #[path = "../search_quality/problem.rs"]
 mod problem;
 #[path = "../search_quality/run.rs"]
+#[allow(dead_code)]
 mod run;
 #[path = "../search_quality/trees.rs"]
 mod trees;
@@ -79,7 +80,7 @@ fn kernels_of(seed: u64) -> Vec<Problem> {
 /// Shares of the optimum after each of the marks, as means over problems.
 fn searched(problems: Vec<Problem>, seed: u64) -> Figures {
     let runs: Vec<_> =
-        problems.iter().map(|problem| problem.run(SearchMethod::Model, seed, &MARKS)).collect();
+        problems.iter().map(|problem| problem.run(SearchMethod::Model, seed, &MARKS).scores).collect();
     let at = |place: usize| runs.iter().map(|scores| scores[place]).sum::<f64>() / runs.len() as f64;
     MARKS.iter().enumerate().map(|(place, mark)| (format!("at {mark}"), at(place))).collect()
 }

@@ -1,4 +1,4 @@
-//! The score of a search on a problem.
+//! The score of a search on a problem, and the trials that it cost.
 
 use std::collections::BTreeMap;
 
@@ -12,21 +12,34 @@ use treewright_lab::simulated::normal;
 
 use crate::problem::Problem;
 
+/// Trials above this many times the default's cost are dear.
+const DEAR_ABOVE: f64 = 1.1;
+
+/// A search that was played.
+pub(crate) struct Played {
+    /// Shares of the optimum after each of the marks, of the configuration that measured best.
+    pub(crate) scores: Vec<f64>,
+    /// Share of the trials whose true cost is dear.
+    pub(crate) dear: f64,
+    /// True cost of the dearest trial over that of the default.
+    pub(crate) worst: f64,
+}
+
 impl Problem {
     /// The cost of the optimum over a cost: more is better.
     fn score(&self, truth: f64) -> f64 {
         if truth.is_finite() { self.optimum / truth } else { 0.0 }
     }
 
-    /// Runs a search the way the tuner does, one point at a time. The scores are those of the configuration
-    /// that measured best, after each of the marks.
-    pub(crate) fn run(&self, method: SearchMethod, seed: u64, marks: &[usize]) -> Vec<f64> {
+    /// Runs a search the way the tuner does, one point at a time.
+    pub(crate) fn run(&self, method: SearchMethod, seed: u64, marks: &[usize]) -> Played {
         let budget = marks[marks.len() - 1];
         let mut search = AnySearch::new(method, SearchSetup::of(&self.space, seed, 1, budget as u32));
         let mut random = ChaCha8Rng::seed_from_u64(seed ^ 0x5eed);
         let mut known: BTreeMap<Configuration, (Verdict, f64, u32)> = BTreeMap::new();
         let (mut trials, mut in_a_row) = (0, 0);
-        let mut scores = Vec::new();
+        let default = (self.truth)(&self.space.default_configuration()).unwrap_or(f64::INFINITY);
+        let (mut scores, mut dear, mut worst) = (Vec::new(), 0, 0.0f64);
         while trials < budget {
             let point = search.ask().expect("only searches with points out wait");
             let mut configuration = self.space.decode(&point.x);
@@ -45,6 +58,9 @@ impl Problem {
             in_a_row = 0;
             trials += 1;
             let truth = (self.truth)(&configuration);
+            let over_default = truth.map_or(0.0, |truth| truth / default);
+            dear += usize::from(over_default > DEAR_ABOVE);
+            worst = worst.max(over_default);
             let measured = truth.map(|truth| truth * (self.noise * normal(&mut random)).exp());
             let verdict = measured.map_or(Verdict::Infeasible, Verdict::Cost);
             let entry = known.entry(configuration).or_insert((verdict, truth.unwrap_or(f64::INFINITY), 0));
@@ -64,6 +80,6 @@ impl Problem {
                 scores.push(self.score(best.map_or(f64::INFINITY, |best| best.1)));
             }
         }
-        scores
+        Played { scores, dear: dear as f64 / budget as f64, worst }
     }
 }
