@@ -39,6 +39,9 @@ pub const TRIALS_PER_BUILD_MAX: u32 = 4;
 /// Most frames that a trial renders beyond the requested ones because its build took long.
 pub const FRAMES_PER_SLOW_BUILD_MAX: usize = 5;
 
+/// Longest time in seconds that a search waits for an answer of the daemon.
+pub const PATIENCE_S_MAX: u64 = 86_400;
+
 /// Most random samples at one camera.
 pub const SAMPLES_PER_PLACE_MAX: u32 = 10_000_000;
 

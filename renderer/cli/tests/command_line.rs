@@ -210,6 +210,7 @@ fn an_absent_daemon_is_told_with_the_remedy() {
     fails("tune --scene builtin:quick --iterations -4", USAGE, &["iterations"]);
     fails("tune --scene builtin:quick --iterations 0", USAGE, &["iterations"]);
     fails("tune --scene builtin:quick --epsilon 2", USAGE, &["0 to 1"]);
+    fails("tune --scene builtin:quick --patience-s 0", USAGE, &["patience-s", "86400"]);
     // What a trial would ignore is not taken.
     for (objective, option) in
         [("error", "--frames 3"), ("error", "--abort-above 2"), ("motion", "--frames 3")]

@@ -43,10 +43,6 @@ const ROUNDS_TIME: Duration = Duration::from_secs(120);
 /// Longest time for the last reports to reach the service.
 const FLUSH: Duration = Duration::from_secs(10);
 
-/// How long to wait for an answer of the daemon before the search goes on with what it has. A daemon that is
-/// slow, or is started again, loses no trial.
-const PATIENCE: Duration = Duration::from_secs(300);
-
 /// Tunes and prints the results.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
     let arguments = &arguments.with_space()?;
@@ -55,7 +51,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
     }
     let candidates = arguments.candidate.iter().map(|path| read_configuration(path));
     let candidates = candidates.collect::<Result<Vec<_>, _>>()?;
-    let client = arguments.server.connect_within(arguments.frame.threads, PATIENCE)?;
+    let client = arguments.server.connect_within(arguments.frame.threads, arguments.patience())?;
     let scene = arguments.scene.load()?;
     let recommended = arguments.space.of(&scene, arguments.objective, arguments.frame.threads)?;
     let (start, whole) = arguments.start.of(&recommended)?;
@@ -98,7 +94,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
         indicators: state,
     };
     let go_on = || !interrupt.requested();
-    let patience = Patience { limit: PATIENCE, go_on: &go_on };
+    let patience = Patience { limit: arguments.patience(), go_on: &go_on };
     // Gone before the confirmation begins, so that the trial that it has asked for ahead is given back.
     let mut tuner = PatientTuner::new(&study, patience);
     let Searched { mut found, milestones, ending } =

@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use clap::Args;
 use treewright_client::{Policy, SessionPolicy};
-use treewright_renderer::limits::{FRAMES_PER_TRIAL_MAX, ITERATIONS_MAX, ROUNDS_MAX};
+use treewright_renderer::limits::{FRAMES_PER_TRIAL_MAX, ITERATIONS_MAX, PATIENCE_S_MAX, ROUNDS_MAX};
 use treewright_renderer::space::{Narrowing, Preset};
 use treewright_renderer::tuning::objective::Objective;
 
@@ -99,6 +99,11 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "FACTOR", conflicts_with = "paper", allow_negative_numbers = true, value_parser = factor)]
     abort_above: Option<f64>,
 
+    /// Longest wait for an answer of the daemon, in seconds. One that is slow, or is started again, loses no
+    /// trial. After that the search goes on with the last good configuration.
+    #[arg(long, value_name = "SECONDS", default_value_t = 300, value_parser = clap::value_parser!(u64).range(1..=PATIENCE_S_MAX))]
+    patience_s: u64,
+
     /// Write all results, including every trial, as JSON.
     #[arg(long, value_name = "FILE")]
     pub(super) json: Option<PathBuf>,
@@ -143,6 +148,11 @@ impl Arguments {
     /// Frames rendered with each configuration.
     pub(super) fn frames(&self) -> u32 {
         self.frames.unwrap_or(1)
+    }
+
+    /// Longest wait for an answer of the daemon.
+    pub(super) fn patience(&self) -> Duration {
+        Duration::from_secs(self.patience_s)
     }
 
     /// For how long will be rendered with the result. The paper runs all trials.
