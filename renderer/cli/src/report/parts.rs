@@ -65,7 +65,10 @@ pub(super) fn headline(results: &TuningResults) -> String {
             the(&results.baseline)
         )
     } else if speedup >= WORTH_TELLING {
-        format!("The tuned {what} {does} {speedup:.2}× faster than {}.", the(&results.baseline))
+        let pair = results.standing(&results.best).zip(results.standing(&results.baseline));
+        let interval = pair.and_then(|(best, baseline)| best.gain_over(baseline).interval);
+        let interval = interval.map_or_else(String::new, |[low, high]| format!(" [{low:.2}, {high:.2}]"));
+        format!("The tuned {what} {does} {speedup:.2}×{interval} faster than {}.", the(&results.baseline))
     } else {
         format!("The tuned {what} is as fast as {}.", the(&results.baseline))
     }
@@ -144,7 +147,16 @@ pub(super) fn explanation(results: &TuningResults) -> String {
     } else {
         ""
     };
-    format!("Medians of {frames} paired frames, measured again after the search.{other}{disturbed}")
+    format!(
+        "Medians of {frames} paired frames, measured again after the search.{other}{disturbed}{}",
+        why(results)
+    )
+}
+
+/// Why there is no gain: what the service says of its answer, beside the start as its default.
+fn why(results: &TuningResults) -> String {
+    let own = results.confirmation.as_ref().filter(|_| !results.search_won());
+    own.map_or_else(String::new, |own| format!(" The service says of its answer: {}.", own.sentence()))
 }
 
 pub(super) fn standings(results: &TuningResults) -> Vec<StandingRow> {

@@ -1,7 +1,9 @@
 //! The report of a made-up run: it shows the results, and needs no other file.
 
 use glam::Vec3;
-use treewright_client::{Configuration, Fingerprint, Indicators, Mode, Outcome, Source, Stats};
+use treewright_client::{
+    Configuration, Confirmation, ConfirmationStage, Fingerprint, Indicators, Mode, Outcome, Source, Stats,
+};
 use treewright_figures::Colour;
 
 use super::*;
@@ -140,9 +142,9 @@ fn a_gain_whose_interval_holds_none_is_not_told_as_one() {
 #[test]
 fn the_page_says_what_was_measured() {
     let html = page(&results(50.0, "hall"), &grey(), &grey()).expect("the page is made");
-    assert!(
-        html.contains("The tuned structure renders this scene 2.00× faster than the default of the paper.")
-    );
+    assert!(html.contains(
+        "The tuned structure renders this scene 2.00× [2.00, 2.00] faster than the default of the paper."
+    ));
     assert!(html.contains("1\u{2009}234\u{2009}567 triangles") && html.contains("Test One, 2 threads"));
     assert!(html.contains("1.10 times that of native Embree, 1.08 times that of native Embree used well"));
     assert!(html.contains("1.04 × [1.04, 1.04]"), "the gain over the best fixed configuration");
@@ -189,6 +191,22 @@ fn no_gain_is_told_as_none() {
     let mut none = results(101.0, "hall");
     none.prediction = None;
     none.break_even_frame = None;
+    none.confirmation = Some(treewright_client::Standing {
+        cost: 52.0,
+        cost_low: 51.0,
+        cost_high: 53.0,
+        gain: None,
+        nothing_better: true,
+        confirmation: Confirmation {
+            stage: ConfirmationStage::NothingBetter,
+            rounds: 7,
+            rounds_max: 10,
+            measurements: 20,
+            gain: None,
+        },
+        disturbances: 0,
+        gain_at_most: Some(0.02),
+    });
     let html = page(&none, &grey(), &grey()).expect("the page is made");
     assert!(
         html.contains("Nothing the search found is shown to be faster than the best fixed configuration")
@@ -196,6 +214,7 @@ fn no_gain_is_told_as_none() {
     assert!(html.contains("After: best fixed configuration") && !html.contains(">tuned<"));
     assert!(html.contains("does not pay for itself"));
     assert!(!html.contains("predicted for the other camera"));
+    assert!(html.contains("The service says of its answer: ") && html.contains("at most 2.0 % with 95 %"));
 }
 
 #[test]
