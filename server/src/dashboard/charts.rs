@@ -107,6 +107,35 @@ pub(super) fn curve(points: &[CurvePoint], levels: &[Level], view: &CostView) ->
     figure.finish()
 }
 
+/// The cost of all trials so far over that of as many runs of the default, which costs `default`; the best
+/// fixed configuration costs `fixed`. Costs that do not add up have no `default`.
+pub(super) fn session(points: &[CurvePoint], default: Option<f64>, fixed: Option<f64>) -> String {
+    let Some(default) = default else {
+        return nothing("There is no cost of the default to compare with.");
+    };
+    let measured = points.iter().filter_map(|point| Some((point.number, point.cost?)));
+    let so_far = measured.scan((0.0, 0.0), |(spent, beside), (number, cost)| {
+        (*spent, *beside) = (*spent + cost, *beside + default);
+        Some([number, *spent / *beside])
+    });
+    let so_far: Vec<[f64; 2]> = so_far.collect();
+    let (Some([first, _]), Some([last, _])) = (so_far.first(), so_far.last()) else {
+        return nothing("Nothing has been measured yet.");
+    };
+    let fixed = fixed.map(|fixed| fixed / default);
+    let levels = std::iter::once(1.0).chain(fixed);
+    let x = figures::Axis::counts("trial", *first, *last);
+    let y =
+        figures::Axis::linear("cost so far, default = 1", so_far.iter().map(|point| point[1]).chain(levels));
+    let mut figure = Figure::new("Whole session", [WIDTH, 260.0], x, y);
+    figure.level(1.0, Stroke::Dashed, Colour::Purple, "default");
+    if let Some(fixed) = fixed {
+        figure.level(fixed, Stroke::Dashed, Colour::Green, "best fixed");
+    }
+    figure.line(&so_far, Stroke::Solid, Colour::Amber, "all trials so far");
+    figure.finish()
+}
+
 fn nothing(words: &str) -> String {
     format!(r#"<p class="note">{}</p>"#, escaped(words))
 }
@@ -331,6 +360,26 @@ mod tests {
         assert_eq!(svg.matches("<title>best so far</title>").count(), 1);
         assert!(curve(&[], &[], &CostView::default()).contains("Nothing"));
         assert!(!curve(&[point(1.0, Some(5.0))], &[], &CostView::default()).contains("NaN"));
+    }
+
+    #[test]
+    fn a_session_is_compared_with_as_many_runs_of_the_default() {
+        let point = |number: f64, cost| CurvePoint { number, cost, kind: KIND };
+        let costs = [Some(20.0), Some(40.0), None, Some(5.0), Some(5.0)];
+        let points: Vec<CurvePoint> =
+            (1..).map(f64::from).zip(costs).map(|(at, cost)| point(at, cost)).collect();
+        let svg = session(&points, Some(20.0), Some(15.0));
+        let heights = |name: &str| -> Vec<f64> {
+            let path = svg.split("<path d=\"").find(|path| path.contains(name)).expect("a line");
+            let path = path.split('"').next().expect("its points");
+            path.split(['M', 'L']).filter_map(|point| point.split(' ').nth(1)?.parse().ok()).collect()
+        };
+        let (line, default) = (heights(">all trials so far<"), heights(">default<")[0]);
+        assert!(line.len() == 4 && line[0] == default, "{line:?} beside {default}");
+        assert!(line[1] < default && line[2] < default && line[3] > default, "90 for 80, then 70: {line:?}");
+        assert!(heights(">best fixed<")[0] > line[3], "15 of 20 are less than 70 of 80");
+        assert!(session(&points, None, None).contains("no cost of the default"));
+        assert!(session(&points[2..3], Some(20.0), None).contains("Nothing"));
     }
 
     #[test]

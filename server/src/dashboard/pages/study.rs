@@ -42,6 +42,7 @@ struct Page {
     best: Option<BestCard>,
     curve: String,
     curve_note: String,
+    session: String,
     timeline: String,
     states: Vec<StateRow>,
     /// Seconds saved in a day, with the interval; none where the objective is no time.
@@ -122,6 +123,7 @@ pub(in super::super) async fn study(visitor: &Visitor<'_>, id: &str, query: &Que
         Some(chosen) => levels(visitor, id, chosen, fixed.as_ref()).await,
         None => Vec::new(),
     };
+    let session = session(&in_state, chosen, fixed.as_ref(), &head.view);
     let mut curve_note = chosen.and_then(|chosen| luck_note(chosen, &head.view)).unwrap_or_default();
     curve_note += &fixed.map(|fixed| format!("Best fixed is {}. ", fixed.configuration)).unwrap_or_default();
     if in_state.len() == TRIALS {
@@ -140,6 +142,7 @@ pub(in super::super) async fn study(visitor: &Visitor<'_>, id: &str, query: &Que
         best: chosen.and_then(|chosen| card(chosen, &head.view)),
         curve: charts::curve(&points(&in_state), &levels, &head.view),
         curve_note,
+        session,
         timeline: charts::timeline(&spans(&latest)),
         states_before: (*listed.start() > 1).then(|| stretch((listed.start() - STATES).max(1), asked)),
         states_after: (*listed.end() < head.states).then(|| stretch(listed.end() + 1, asked)),
@@ -260,6 +263,20 @@ fn points(trials: &[v1::Trial]) -> Vec<CurvePoint> {
             kind: kind(trial),
         })
         .collect()
+}
+
+/// What the trials of a state have cost so far beside its default.
+fn session(
+    trials: &[v1::Trial],
+    chosen: Option<&StateStands>,
+    fixed: Option<&Fixed>,
+    view: &CostView,
+) -> String {
+    // Values of a metric that is maximised do not add up.
+    let chosen = chosen.filter(|_| !view.is_maximised());
+    let default = chosen.and_then(|one| one.best.as_ref()?.default_cost).filter(|cost| *cost > 0.0);
+    let fixed = fixed.zip(chosen).and_then(|(fixed, one)| fixed.by_state.get(&one.state).copied());
+    charts::session(&points(trials), default, fixed)
 }
 
 fn spans(trials: &[v1::Trial]) -> Vec<Span> {
