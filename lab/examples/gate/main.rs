@@ -2,12 +2,14 @@
 //!
 //! `cargo run --release -p treewright-lab --example gate` plays every suite and compares each figure with
 //! `lab/record/gate.json`, seed by seed. It fails where one is worse by more than three standard errors of
-//! the paired differences. `-- --record` rewrites the file, after an improvement or for a release.
+//! the paired differences. `-- --record` rewrites the file, after an improvement or for a release; `-- --add`
+//! records figures that it lacks, and leaves the others.
 //!
 //! | suite | figure |
 //! |---|---|
-//! | kernels | share of the optimum after 20, 40 and 80 trials, over seven landscapes |
-//! | renderer | share of the optimum on a model of the renderer's space |
+//! | kernels | share of the optimum after 20, 40 and 80 trials, and of dear trials, over seven landscapes |
+//! | renderer | the same on a model of the renderer's space |
+//! | functions | the same on seven continuous functions of 2, 5 or 10 dimensions |
 //! | bowl, wandering, load | true gain of a confirmed search's answer, on a quiet and on disturbed machines |
 //! | flat | distance of the reported gain from zero |
 //! | contexts | regret where every round brings another context, from round 80 on; also beside 20 indicators that say nothing |
@@ -32,6 +34,7 @@ mod trees;
 mod world;
 
 mod contexts;
+mod functions;
 mod table;
 
 use std::collections::BTreeMap;
@@ -42,6 +45,7 @@ use serde::{Deserialize, Serialize};
 use treewright_core::policy::SearchMethod;
 
 use problem::Problem;
+use run::Played;
 use world::{Machine, Search, World};
 
 const MARKS: [usize; 3] = [20, 40, 80];
@@ -60,9 +64,10 @@ struct Suite {
     play: fn(u64) -> Figures,
 }
 
-const SUITES: [Suite; 10] = [
+const SUITES: [Suite; 11] = [
     Suite { name: "kernels", seeds: 32, play: |seed| searched(kernels_of(seed), seed) },
     Suite { name: "renderer", seeds: 32, play: |seed| searched(vec![trees::problem(seed)], seed) },
+    Suite { name: "functions", seeds: 33, play: |seed| searched(functions::problems(seed), seed) },
     Suite { name: "bowl", seeds: 48, play: |seed| gained(World::Bowl, Machine::Quiet, seed) },
     Suite { name: "wandering", seeds: 48, play: |seed| gained(World::Bowl, Machine::Wander, seed) },
     Suite { name: "load", seeds: 48, play: |seed| gained(World::Bowl, Machine::Load, seed) },
@@ -77,12 +82,14 @@ fn kernels_of(seed: u64) -> Vec<Problem> {
     kernels::KERNELS.iter().chain(&kernels::UNSEEN).map(|name| kernels::problem(name, seed)).collect()
 }
 
-/// Shares of the optimum after each of the marks, as means over problems.
+/// Shares of the optimum after each of the marks, and the share of dear trials, as means over problems.
 fn searched(problems: Vec<Problem>, seed: u64) -> Figures {
-    let runs: Vec<_> =
-        problems.iter().map(|problem| problem.run(SearchMethod::Model, seed, &MARKS).scores).collect();
-    let at = |place: usize| runs.iter().map(|scores| scores[place]).sum::<f64>() / runs.len() as f64;
-    MARKS.iter().enumerate().map(|(place, mark)| (format!("at {mark}"), at(place))).collect()
+    let runs: Vec<Played> =
+        problems.iter().map(|problem| problem.run(SearchMethod::Model, seed, &MARKS)).collect();
+    let mean = |of: &dyn Fn(&Played) -> f64| runs.iter().map(of).sum::<f64>() / runs.len() as f64;
+    let at = |(place, mark): (usize, &usize)| (format!("at {mark}"), mean(&|run| run.scores[place]));
+    let dear = ("dear".to_owned(), -mean(&|run| run.dear));
+    MARKS.iter().enumerate().map(at).chain([dear]).collect()
 }
 
 /// The true gain of a search with its confirmation; in a flat world the reported gain's distance from zero.
@@ -114,6 +121,11 @@ fn played() -> Record {
     record
 }
 
+fn recorded() -> Record {
+    let text = std::fs::read_to_string(RECORD).unwrap_or_else(|error| panic!("{RECORD}: {error}"));
+    serde_json::from_str(&text).unwrap_or_else(|error| panic!("{RECORD}: {error}"))
+}
+
 /// Mean and standard error.
 fn mean_and_error(values: &[f64]) -> (f64, f64) {
     let count = values.len() as f64;
@@ -130,21 +142,29 @@ fn is_worse(differences: &[f64]) -> bool {
 
 fn main() -> ExitCode {
     let now = played();
-    if std::env::args().any(|argument| argument == "--record") {
+    let is_given = |option: &str| std::env::args().any(|argument| argument == option);
+    if is_given("--record") || is_given("--add") {
+        let mut now = now;
+        if is_given("--add") {
+            let before = recorded();
+            now.version = before.version;
+            for (suite, figures) in before.figures {
+                now.figures.entry(suite).or_default().extend(figures);
+            }
+        }
         let text = serde_json::to_string(&now).expect("plain data").replace("],", "],\n");
         std::fs::write(RECORD, text + "\n").unwrap_or_else(|error| panic!("{RECORD}: {error}"));
         println!("wrote {RECORD}");
         return ExitCode::SUCCESS;
     }
-    let text = std::fs::read_to_string(RECORD).unwrap_or_else(|error| panic!("{RECORD}: {error}"));
-    let before: Record = serde_json::from_str(&text).unwrap_or_else(|error| panic!("{RECORD}: {error}"));
+    let before = recorded();
     println!("{:<12}{:<24}{:>10}{:>10}{:>20}", "suite", "figure", before.version, "now", "difference");
     let mut worse = 0;
     for (suite, figures) in &now.figures {
         for (name, values) in figures {
             let earlier = before.figures.get(suite).and_then(|figures| figures.get(name));
             let Some(earlier) = earlier.filter(|earlier| earlier.len() == values.len()) else {
-                println!("{suite:<12}{name:<24} is not recorded: -- --record");
+                println!("{suite:<12}{name:<24} is not recorded: -- --add");
                 worse += 1;
                 continue;
             };
