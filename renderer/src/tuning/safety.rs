@@ -1,4 +1,4 @@
-//! Which frames of a search cost more than its start would have, and how much more.
+//! Which frames of a search or of a flight cost more than its start would have, and how much more.
 //!
 //! Nobody looks at the frames of a search that runs by itself. In a program that is tuned while it is used,
 //! each of them is a frame that a user waits for.
@@ -55,7 +55,7 @@ impl Safety {
         self.dear as f64 / self.frames.max(1) as f64
     }
 
-    /// Frames after which at most one in twenty was dear, if none is after the search.
+    /// Frames after which at most one in twenty was dear, if none is after these.
     pub fn safe_after(&self) -> u64 {
         self.frames.max(self.dear * FRAMES_PER_DEAR)
     }
@@ -65,7 +65,7 @@ impl Safety {
         let Self { frames, dear, worst } = self;
         let percent = 100.0 * self.share();
         let told = format!(
-            "{dear} of the {frames} frames of the search ({percent:.0} %) cost more than {DEAR_ABOVE} times {start}, \
+            "{dear} of {frames} frames ({percent:.0} %) cost more than {DEAR_ABOVE} times {start}, \
              the dearest {worst:.2} times"
         );
         match self.safe_after() {
@@ -87,7 +87,7 @@ mod tests {
         assert_eq!(safety.safe_after(), 80);
         assert_eq!(
             safety.sentence("the start"),
-            "4 of the 11 frames of the search (36 %) cost more than 1.1 times the start, the dearest 2.40 times; \
+            "4 of 11 frames (36 %) cost more than 1.1 times the start, the dearest 2.40 times; \
              they are 5 % of a session of 80 frames"
         );
         let calm = Safety::of([(30, 9.0), (1, 11.1)], 10.0).expect("there are frames");

@@ -33,6 +33,7 @@ use treewright_renderer::space::{Choice, TuningSpace};
 use treewright_renderer::statistics::Summary;
 use treewright_renderer::tuning::objective::{Objective, frame_cost, specification, study_id};
 use treewright_renderer::tuning::reuse::Reuse;
+use treewright_renderer::tuning::safety::Safety;
 use treewright_renderer::tuning::search::{measurements, not_built};
 use treewright_renderer::tuning::verdict;
 use treewright_scene::Scene;
@@ -135,6 +136,14 @@ struct PlayedFrame {
     default_times: Option<FrameTimes>,
 }
 
+impl PlayedFrame {
+    /// Its cost with its configuration and with the baseline, where both ran.
+    fn costs(&self) -> Option<[f64; 2]> {
+        let cost = |times| frame_cost(times, self.frames_per_build);
+        Some([cost(self.times?), cost(self.default_times?)])
+    }
+}
+
 /// The output of `play --json`.
 #[derive(Debug, Serialize)]
 struct FlightResults {
@@ -143,6 +152,8 @@ struct FlightResults {
     objective: Aim,
     /// Name of what frames are compared with.
     baseline: String,
+    /// Frames that cost more than with the baseline; absent where they were not compared.
+    safety: Option<Safety>,
     frames: Vec<PlayedFrame>,
     client: Stats,
 }
@@ -245,6 +256,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
             study: id,
             objective: arguments.objective,
             baseline: baseline.who.to_string(),
+            safety: safety(&frames),
             frames,
             client: client.stats(),
         };
@@ -423,9 +435,7 @@ fn print(frame: &PlayedFrame) {
         return;
     };
     let build = if frame.rebuilt { format!("{:9.1}", times.build_ms) } else { format!("{:>9}", "kept") };
-    let compared = frame.default_times.map_or_else(String::new, |default| {
-        let cost = |times| frame_cost(times, frame.frames_per_build);
-        let (default_ms, own_ms) = (cost(default), cost(times));
+    let compared = frame.costs().map_or_else(String::new, |[own_ms, default_ms]| {
         format!("  {default_ms:11.1}  {:6.2} ×", default_ms / own_ms)
     });
     println!(
@@ -447,13 +457,8 @@ fn summarise(frames: &[PlayedFrame], baseline: &str) {
         frames.len(),
         Summary::of(&waiting).median,
     );
-    let pairs: Vec<f64> = exploited
-        .iter()
-        .filter_map(|frame| {
-            let cost = |times| frame_cost(times, frame.frames_per_build);
-            Some(cost(frame.default_times?) / cost(frame.times?))
-        })
-        .collect();
+    let costs = exploited.iter().filter_map(|frame| frame.costs());
+    let pairs: Vec<f64> = costs.map(|[own_ms, default_ms]| default_ms / own_ms).collect();
     if !pairs.is_empty() {
         let speedup = Summary::of(&pairs);
         println!(
@@ -461,6 +466,21 @@ fn summarise(frames: &[PlayedFrame], baseline: &str) {
             speedup.median, speedup.lower_quartile, speedup.upper_quartile,
         );
     }
+    if let Some(safety) = safety(frames) {
+        let costs = frames.iter().filter_map(PlayedFrame::costs);
+        let [own_ms, default_ms] = costs.fold([0.0, 0.0], |[own, default], [a, b]| [own + a, default + b]);
+        println!(
+            "all frames together cost {:.2} times what they cost with the {baseline}; {}",
+            own_ms / default_ms,
+            safety.sentence("that"),
+        );
+    }
+}
+
+/// The frames that cost more than they did with the baseline.
+fn safety(frames: &[PlayedFrame]) -> Option<Safety> {
+    let costs = frames.iter().filter_map(PlayedFrame::costs);
+    Safety::of(costs.map(|[own_ms, default_ms]| (1, own_ms / default_ms)), 1.0)
 }
 
 #[cfg(test)]
@@ -474,6 +494,31 @@ mod tests {
     struct Line {
         #[command(flatten)]
         arguments: Arguments,
+    }
+
+    #[test]
+    fn frames_are_compared_with_the_same_frames_of_the_baseline() {
+        let frame = |times: Option<f64>, default_times: Option<f64>| PlayedFrame {
+            number: 0,
+            frames_per_build: 1000,
+            camera_at: 0.0,
+            mode: Mode::Exploit.into(),
+            source: Source::Daemon,
+            reason: String::new(),
+            configuration: Configuration::new(),
+            rebuilt: false,
+            times: times.map(|render_ms| FrameTimes::of(0.0, render_ms)),
+            waiting_ms: 0.0,
+            default_times: default_times.map(|render_ms| FrameTimes::of(0.0, render_ms)),
+        };
+        let frames = [
+            frame(Some(8.0), Some(10.0)),
+            frame(Some(30.0), Some(20.0)),
+            frame(None, Some(10.0)),
+            frame(Some(9.0), None),
+        ];
+        assert_eq!(safety(&frames), Some(Safety { frames: 2, dear: 1, worst: 1.5 }));
+        assert_eq!(safety(&frames[2..]), None, "nothing was compared");
     }
 
     #[test]

@@ -63,7 +63,7 @@ pub(crate) fn print(results: &TuningResults) {
         }
     }
     if let Some(safety) = &results.safety {
-        println!("safety: {}", safety.sentence(&format!("the {}", results.began_at)));
+        println!("safety: in the search {}", safety.sentence(&format!("the {}", results.began_at)));
     }
     if let Some(session) = whole_session(results) {
         println!("{session}");

@@ -243,7 +243,7 @@ pub(super) fn overhead(results: &TuningResults) -> String {
 
 /// The frames of the search that cost more than its start.
 pub(super) fn safety(results: &TuningResults) -> Option<String> {
-    results.safety.map(|safety| safety.sentence(&the(&results.began_at)) + ".")
+    results.safety.map(|safety| format!("In the search {}.", safety.sentence(&the(&results.began_at))))
 }
 
 pub(super) fn break_even(results: &TuningResults) -> String {

@@ -290,7 +290,7 @@ fn frames_that_cost_more_than_the_start_are_told() {
     assert!((safety.worst - 900.0 / 52.0).abs() < 0.1, "{safety:?}");
     let html = page(&results, &grey(), &grey()).expect("the page is made");
     assert!(html.contains(
-        "3 of the 4 frames of the search (75 %) cost more than 1.1 times the best fixed configuration"
+        "In the search 3 of 4 frames (75 %) cost more than 1.1 times the best fixed configuration"
     ));
     // Where trials ran the start often enough, its cost is theirs.
     let start = results.start.clone();
