@@ -44,8 +44,7 @@ pub(super) fn curve(results: &TuningResults) -> Vec<(f64, f64)> {
     curve
 }
 
-/// The time spent by the frame `at` over that of the start by then; `None` where the curve does not reach that
-/// frame.
+/// The time spent by the frame `at` over that of the start by then; `None` where the curve ends before.
 pub(crate) fn ratio_at(results: &TuningResults, at: f64) -> Option<f64> {
     let curve = curve(results);
     let after = curve.iter().position(|(frame, _)| *frame >= at)?;
