@@ -86,7 +86,7 @@ impl Arguments {
 /// Compares the configurations and prints the results.
 pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
     arguments.check_file()?;
-    let chosen = arguments.entrants.read(arguments.view.frame.threads)?;
+    let chosen = arguments.entrants.read()?;
     let scene = arguments.view.scene.load()?;
     let camera = arguments.view.camera.find(&scene)?;
     let view = arguments.view.frame.view(camera);
@@ -162,12 +162,8 @@ fn reference(
     interrupt: Interrupt,
 ) -> Result<Reference, CliError> {
     // No contender's clock runs, so the fastest way that is known without measuring will do.
-    let premises = Premises {
-        animated: false,
-        instanced: renderer.scene().instances.is_some(),
-        threads: arguments.view.frame.threads,
-        ..Premises::all()
-    };
+    let premises =
+        Premises { animated: false, instanced: renderer.scene().instances.is_some(), ..Premises::all() };
     let choice = TuningSpace::new(Preset::Full, &premises).default_choice();
     let (structure, _) = renderer.build(&choice.build)?;
     let (Size { width, height }, samples) = (arguments.view.size, arguments.reference_spp);

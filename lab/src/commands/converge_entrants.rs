@@ -60,17 +60,15 @@ fn chosen(
 
 impl EntrantArguments {
     /// The entrants that always take part and those of the command line, checked.
-    pub(super) fn read(&self, threads: usize) -> Result<Vec<Chosen>, CliError> {
-        let space = self.space.whole(Objective::Render, threads)?;
+    pub(super) fn read(&self) -> Result<Vec<Chosen>, CliError> {
+        let space = self.space.whole(Objective::Render)?;
         let native = Choice::native(NativeQuality::Medium);
         let mut all = vec![
             untuned(Who::PaperDefault, Choice::paper_default(), "the paper's Table 1"),
             untuned(NATIVE_DEFAULT, native, "rtcCommitScene untold, single rays"),
         ];
-        let full = TuningSpace::new(
-            Preset::Full,
-            &Premises { robust: self.space.robust, threads, ..Premises::all() },
-        );
+        let premises = Premises { robust: self.space.robust, ..Premises::all() };
+        let full = TuningSpace::new(Preset::Full, &premises);
         for Rival { contender, configuration } in verdict::used_well(&full) {
             let origin = "with our stages and packets".to_owned();
             all.push(Chosen { entrant: Entrant { contender, setup_ms: 0.0 }, configuration, origin });

@@ -47,7 +47,7 @@ impl Node<'_> {
     fn join(&self, daemon: &Daemon, machine: &Machine) -> Result<(Client, Study), CliError> {
         let fingerprint = machine.fingerprint(&self.conditions.processor);
         let options = Options::new().client_id(machine.to_string()).fingerprint(fingerprint);
-        join(daemon, OBJECTIVE, &space(OBJECTIVE, machine.context().threads), options)
+        join(daemon, OBJECTIVE, &space(OBJECTIVE), options)
     }
 
     /// A search by a daemon that knows nothing.
@@ -100,7 +100,7 @@ impl Node<'_> {
         record: &Record,
     ) -> Result<RecordedRounds, CliError> {
         let Conditions { first_frames, rounds, .. } = *self.conditions;
-        let space = space(OBJECTIVE, self.machine.context().threads);
+        let space = space(OBJECTIVE);
         let mut entrants = vec![(RECOMMENDED, space.default_configuration())];
         for level in Level::ALL {
             let known = record.searches.iter().filter(|one| one.scene != scene);

@@ -8,7 +8,7 @@ use treewright_renderer::tuning::verdict::{self, Rival};
 use treewright_renderer::tuning::who::{NATIVE_DEFAULT, Who};
 
 /// For frames that share a build: missing values are those of the start of that space.
-const RENDER: [&str; 11] = [
+const RENDER: [&str; 10] = [
     "backend=tunable,min_leaf_size=4,max_leaf_size=28",
     "backend=tunable,min_leaf_size=8,max_leaf_size=32",
     "backend=tunable,min_leaf_size=16,max_leaf_size=32",
@@ -19,11 +19,10 @@ const RENDER: [&str; 11] = [
     "backend=tunable,min_leaf_size=16,max_leaf_size=32,quality=3,split_budget=1.5",
     "backend=tunable,min_leaf_size=8,max_leaf_size=32,node_width=8",
     "backend=tunable,min_leaf_size=8,max_leaf_size=32,reinsertion_passes=12",
-    "backend=tunable,min_leaf_size=8,max_leaf_size=32,tile=16",
 ];
 
 /// For frames that pay for a build of their own.
-const TOTAL: [&str; 12] = [
+const TOTAL: [&str; 11] = [
     "backend=tunable,search_radius=4,cluster_size=8,block_width=8,min_leaf_size=8,max_leaf_size=32",
     "backend=tunable,search_radius=8,cluster_size=8,block_width=8,min_leaf_size=16,max_leaf_size=32",
     "backend=tunable,search_radius=4,cluster_size=2,block_width=8,min_leaf_size=8,max_leaf_size=32",
@@ -35,7 +34,6 @@ const TOTAL: [&str; 12] = [
     "backend=tunable,quality=1,collapse=optimal,node_width=16,reinsertion_passes=0,block_width=8,min_leaf_size=16,max_leaf_size=32",
     "backend=tunable,quality=2,block_width=8,min_leaf_size=16,max_leaf_size=32",
     "backend=tunable,quality=2,block_width=8,min_leaf_size=25,max_leaf_size=32,sah_block_size=8",
-    "backend=native,native_quality=low,tile=16",
 ];
 
 /// A configuration that takes part in rounds.
@@ -90,7 +88,7 @@ mod tests {
     #[test]
     fn every_candidate_is_sound() {
         for objective in [Objective::Render, Objective::Total] {
-            let space = super::super::steps::space(objective, 2);
+            let space = super::super::steps::space(objective);
             let all = rivals(&space, objective).expect("all of them are of the space");
             assert!(all.len() > 10 && all.iter().filter(|rival| rival.configuration.is_none()).count() == 1);
             let names: std::collections::BTreeSet<String> =

@@ -59,10 +59,6 @@ impl Stage {
         Ok(Self { renderer, workload, context, scene: name.to_owned(), interrupt })
     }
 
-    fn space(&self, objective: Objective) -> TuningSpace {
-        space(objective, self.context.threads)
-    }
-
     fn view(&self) -> View {
         View { camera: self.renderer.scene().cameras[0], seed: SEED, bounces: BOUNCES }
     }
@@ -75,7 +71,7 @@ impl Stage {
         objective: Objective,
         rounds: u32,
     ) -> Result<RecordedRounds, CliError> {
-        let space = self.space(objective);
+        let space = space(objective);
         let mut all = hand::rivals(&space, objective)?;
         for scene in book.scenes.keys() {
             let search = book.searches.get(&key(ALONE, objective, scene, &self.context.to_string()));
@@ -100,7 +96,7 @@ impl Stage {
         ) else {
             return Ok(None);
         };
-        let space = self.space(objective);
+        let space = space(objective);
         let mut all = hand::natives(&space);
         let mut entrants = vec![(FIXED_OF_OTHERS, fixed.configuration)];
         entrants.push((Who::AfterFrames(0), search.first_answer.clone()));
@@ -161,7 +157,7 @@ impl Stage {
         let daemon = Daemon::start()?;
         let threads = u32::try_from(self.context.threads).unwrap_or(u32::MAX);
         let options = Options::new().fingerprint(machine().threads(threads));
-        let (client, study) = join(&daemon, objective, &self.space(objective), options)?;
+        let (client, study) = join(&daemon, objective, &space(objective), options)?;
         if others {
             teach(book, objective, &self.scene, &self.context.to_string(), (&client, &study))?;
         }
@@ -176,7 +172,7 @@ impl Stage {
         objective: Objective,
         iterations: u32,
     ) -> Result<RecordedSearch, CliError> {
-        let space = Arc::new(self.space(objective));
+        let space = Arc::new(space(objective));
         let camera = self.renderer.scene().cameras[0];
         let state = self.workload.state(&SceneIndicators::of(self.renderer.scene()).with_camera(&camera));
         let first_answer = study.predict(&state)?.configuration;
@@ -275,7 +271,7 @@ pub(crate) fn first_answer(
     };
     let daemon = Daemon::start()?;
     let options = Options::new().fingerprint(book.machine.clone());
-    let (client, study) = join(&daemon, objective, &space(objective, context.threads), options)?;
+    let (client, study) = join(&daemon, objective, &space(objective), options)?;
     teach(book, objective, scene, &name, (&client, &study))?;
     Ok(Some(study.predict(&search.state)?))
 }
@@ -303,14 +299,13 @@ pub(crate) fn tell(
     Ok(suggestion.report(measurements(trial.times, 1, objective), trial.outcome.clone())?)
 }
 
-/// The space of an objective on `threads` threads: one for all scenes of the suite, so that each can teach
-/// the others. Instances are opened as recommended.
-pub(crate) fn space(objective: Objective, threads: usize) -> TuningSpace {
+/// The space of an objective: one for all scenes of the suite, so that each can teach the others. Instances
+/// are opened as recommended.
+pub(crate) fn space(objective: Objective) -> TuningSpace {
     let premises = Premises {
         builds_each_frame: objective.builds_each_frame(),
         animated: false,
         instanced: false,
-        threads,
         ..Premises::all()
     };
     TuningSpace::new(Preset::Full, &premises)
@@ -345,7 +340,7 @@ mod tests {
             book.rounds.insert(key(CANDIDATES, objective, scene, "0@16x12"), candidates.clone());
         }
         assert!(stage.finals(&book, objective, 1).expect("it is sound").is_none(), "there was no search");
-        let answer = stage.space(objective).default_configuration();
+        let answer = space(objective).default_configuration();
         let search = RecordedSearch {
             state: Indicators::new(),
             trials: Vec::new(),

@@ -213,31 +213,30 @@ impl SpaceArguments {
 
     /// The space of a study: one for all scenes that stand still, but for those of instances, which have more
     /// parameters.
-    pub fn of(&self, scene: &Scene, objective: Objective, threads: usize) -> Result<TuningSpace, CliError> {
-        self.checked(self.premises(scene, objective, threads))
+    pub fn of(&self, scene: &Scene, objective: Objective) -> Result<TuningSpace, CliError> {
+        self.checked(self.premises(scene, objective))
     }
 
     /// The facts that decide about the space.
-    pub fn premises(&self, scene: &Scene, objective: Objective, threads: usize) -> Premises {
+    pub fn premises(&self, scene: &Scene, objective: Objective) -> Premises {
         Premises {
             builds_each_frame: objective.begins_with_cheap_builds(),
             robust: self.robust,
             animated: false,
             instanced: scene.instances.is_some(),
-            threads,
             lights: if self.space == Preset::Light { LightKinds::of(scene) } else { LightKinds::ALL },
         }
     }
 
     /// The space of a study of scenes that move, with what brings a structure along.
-    pub fn of_moving(&self, scene: &Scene, threads: usize) -> Result<TuningSpace, CliError> {
-        self.checked(Premises { animated: true, ..self.premises(scene, Objective::Total, threads) })
+    pub fn of_moving(&self, scene: &Scene) -> Result<TuningSpace, CliError> {
+        self.checked(Premises { animated: true, ..self.premises(scene, Objective::Total) })
     }
 
     /// The space with every parameter there is, to read configurations with.
-    pub fn whole(&self, objective: Objective, threads: usize) -> Result<TuningSpace, CliError> {
+    pub fn whole(&self, objective: Objective) -> Result<TuningSpace, CliError> {
         let builds_each_frame = objective.begins_with_cheap_builds();
-        self.checked(Premises { builds_each_frame, robust: self.robust, threads, ..Premises::all() })
+        self.checked(Premises { builds_each_frame, robust: self.robust, ..Premises::all() })
     }
 
     fn checked(&self, premises: Premises) -> Result<TuningSpace, CliError> {
@@ -302,8 +301,8 @@ pub struct StructureArguments {
 
 impl StructureArguments {
     /// The structure to build and the way to render: the space's default without arguments.
-    pub fn choice(&self, threads: usize) -> Result<Choice, CliError> {
-        let space = self.space.whole(Objective::Render, threads)?;
+    pub fn choice(&self) -> Result<Choice, CliError> {
+        let space = self.space.whole(Objective::Render)?;
         if let Some(quality) = self.native {
             let robust = self.space.robust;
             let options = NativeOptions { quality, robust, ..NativeOptions::default() };

@@ -34,7 +34,6 @@ fn a_picture_is_the_same_for_every_thread_count_and_structure() {
         ("morton", "--config quality=1,branching_factor=4"),
         ("compact", "--config compact=true --space paper"),
         ("paths", "--config staged=false"),
-        ("packets", "--config primary=eight_coherent,tile=8,first_shadow=sixteen"),
     ] {
         let other = picture(name, more);
         let sum = |image: &image::Rgb32FImage| image.iter().map(|&value| f64::from(value)).sum::<f64>();
@@ -70,7 +69,7 @@ fn results_are_json_where_asked_for() {
 fn accelerators_are_measured() {
     let folder = folder();
     let path = folder.path();
-    std::fs::write(path.join("best.json"), r#"{"branching_factor": 4, "primary": "single", "staged": true}"#)
+    std::fs::write(path.join("best.json"), r#"{"branching_factor": 4, "tile": 32, "staged": true}"#)
         .expect("it can be written");
     let table = succeeds(
         path,

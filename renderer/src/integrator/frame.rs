@@ -11,12 +11,10 @@ use super::random::PathRandom;
 use super::roulette::Roulette;
 use super::vertex::{Kernel, Path, Tracing};
 use crate::film::{Film, Tile};
-use crate::render_options::RenderOptions;
 
 /// The data that all tiles of a frame share.
 pub(super) struct Frame<'a> {
     pub(super) prepared: &'a Prepared,
-    pub(super) options: &'a RenderOptions,
     pub(super) kernel: Kernel,
     pub(super) tracing: Tracing,
     pub(super) roulette: Roulette,
@@ -29,17 +27,10 @@ pub(super) struct Frame<'a> {
 
 impl<'a> Frame<'a> {
     /// The next sample of a film.
-    pub(super) fn new(
-        prepared: &'a Prepared,
-        view: &View,
-        options: &'a RenderOptions,
-        needs: Needs,
-        film: &Film,
-    ) -> Self {
+    pub(super) fn new(prepared: &'a Prepared, view: &View, needs: Needs, film: &Film) -> Self {
         let lens = Lens::new(&view.camera, film.width(), film.height());
         Self {
             prepared,
-            options,
             kernel: Kernel::of(needs),
             tracing: Tracing { bounces: view.bounces, pixel_angle: lens.pixel_angle() },
             roulette: Roulette::new(prepared.light_sampling(), prepared.learnt.brightness),

@@ -13,7 +13,6 @@ use super::sampling::luminance;
 use super::sky_guide::{Kind, Learnt, LightRecord, SkyGuide};
 use super::vertex::{Path, Shadow, missed};
 use crate::film::Film;
-use crate::render_options::RenderOptions;
 
 /// Most pixels of a pilot's frame along either side.
 const EDGE_MAX: u32 = 160;
@@ -35,12 +34,11 @@ pub(crate) fn learn<I: Intersector>(
         |edge: u32| if shrink > 1.0 { (f64::from(edge) / shrink).round().max(1.0) as u32 } else { edge };
     let mut film = Film::new(shrunk(width), shrunk(height));
     let pixels = film.width() as usize * film.height() as usize;
-    let options = RenderOptions::default();
     // Another picture than those that follow.
     let view = View { seed: view.seed ^ 0x9170_7a5c, ..*view };
     let (mut records, mut light) = (Vec::new(), 0.0);
     for _ in 0..SAMPLES {
-        let frame = Frame::new(prepared, &view, &options, prepared.needs, &film);
+        let frame = Frame::new(prepared, &view, prepared.needs, &film);
         let tiles: Vec<(Vec<LightRecord>, f64)> = film
             .tiles(TILE)
             .into_par_iter()

@@ -51,31 +51,25 @@ pub fn render_sample_until<I: Intersector>(
     until: Option<Instant>,
 ) -> (Counts, bool) {
     assert!(needs.covers(prepared.needs), "the kernel must be able to do what the scene needs");
-    let frame = Frame::new(prepared, view, options, needs, film);
+    let frame = Frame::new(prepared, view, needs, film);
     // Tiles differ in cost by an order of magnitude, so each thread fetches the next when it is done with
     // one. That is one uncontended lock a tile, none a ray.
-    let tiles = Mutex::new(film.tiles(options.tile).into_iter());
+    let tiles = Mutex::new(film.tiles(options.tile()).into_iter());
     let is_late = || until.is_some_and(|until| Instant::now() >= until);
     let next = || tiles.lock().unwrap_or_else(PoisonError::into_inner).next();
-    let threads = match options.threads {
-        0 => usize::MAX,
-        threads => threads as usize,
-    };
-    let counts = rayon::broadcast(|context| {
+    let counts = rayon::broadcast(|_| {
         let mut counts = Counts::default();
-        if context.index() < threads {
-            BUFFERS.with_borrow_mut(|buffers| {
-                while !is_late()
-                    && let Some(mut tile) = next()
-                {
-                    if options.staged {
-                        stages::render(&frame, intersector, buffers, &mut tile, &mut counts);
-                    } else {
-                        path_by_path(&frame, intersector, &mut tile, &mut counts);
-                    }
+        BUFFERS.with_borrow_mut(|buffers| {
+            while !is_late()
+                && let Some(mut tile) = next()
+            {
+                if options.staged {
+                    stages::render(&frame, intersector, buffers, &mut tile, &mut counts);
+                } else {
+                    path_by_path(&frame, intersector, &mut tile, &mut counts);
                 }
-            });
-        }
+            }
+        });
         counts
     });
     let is_whole = next().is_none();

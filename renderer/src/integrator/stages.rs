@@ -82,8 +82,7 @@ pub(super) fn render<I: Intersector>(
             buffers.finish_blind(frame, intersector, stage, active, counts);
             break;
         }
-        let packets = packets_of(frame.options.primary, stage);
-        intersector.closest_each(packets, &buffers.rays[..active], &mut buffers.hits[..active]);
+        intersector.closest_each(packets_of(stage), &buffers.rays[..active], &mut buffers.hits[..active]);
         let shadows;
         (active, shadows) = buffers.shade(frame, active, counts);
         buffers.light(frame, intersector, stage, shadows, counts);
@@ -93,9 +92,9 @@ pub(super) fn render<I: Intersector>(
     }
 }
 
-/// How rays of a stage go: together only those of the first.
-fn packets_of(first: Packets, stage: u32) -> Packets {
-    if stage == 0 { first } else { Packets::Single }
+/// How rays of a stage go: together only those of the first. Rays after a bounce have parted.
+fn packets_of(stage: u32) -> Packets {
+    if stage == 0 { Packets::SixteenCoherent } else { Packets::Single }
 }
 
 impl Buffers {
@@ -108,8 +107,7 @@ impl Buffers {
         active: usize,
         counts: &mut Counts,
     ) {
-        let packets = packets_of(frame.options.primary, stage);
-        intersector.occluded_each(packets, &self.rays[..active], &mut self.occluded[..active]);
+        intersector.occluded_each(packets_of(stage), &self.rays[..active], &mut self.occluded[..active]);
         for index in 0..active {
             if self.occluded[index] {
                 counts.hits += 1;
@@ -228,8 +226,8 @@ impl Buffers {
         counts: &mut Counts,
     ) {
         counts.shadow_rays += shadows as u64;
-        let packets = packets_of(frame.options.first_shadow, stage);
-        intersector.occluded_each(packets, &self.shadow_rays[..shadows], &mut self.occluded[..shadows]);
+        let (rays, occluded) = (&self.shadow_rays[..shadows], &mut self.occluded[..shadows]);
+        intersector.occluded_each(packets_of(stage), rays, occluded);
         for index in 0..shadows {
             let (light, pixel) = self.shadow_light[index];
             if !self.occluded[index] {

@@ -101,12 +101,12 @@ pub(super) fn of_follow(complete: &Configuration, base: &Choice, premises: &Prem
 }
 
 /// A complete configuration of the full space.
-pub(super) fn of_full(complete: &Configuration, robust: bool, threads: usize) -> Choice {
+pub(super) fn of_full(complete: &Configuration, robust: bool) -> Choice {
     let values = Values(complete);
     let tunable = values.text("backend") == Some(Backend::Tunable.name());
     let build = if tunable { BuildChoice::Tree(values.tree(robust)) } else { values.native(robust) };
     let light = LightSampling::default();
-    let render = values.rendering(threads);
+    let render = RenderOptions { staged: values.boolean("staged") };
     Choice { build, render, update: values.update(), period: NEVER, light }
 }
 
@@ -175,19 +175,6 @@ impl Values<'_> {
             traversal_cost: self.number("traversal_cost", default.traversal_cost),
             intersection_cost: self.number("intersection_cost", default.intersection_cost),
             ..*default
-        }
-    }
-
-    /// `threads` is how many there are.
-    fn rendering(&self, threads: usize) -> RenderOptions {
-        let default = RenderOptions::default();
-        let half = u32::try_from(threads / 2).unwrap_or(u32::MAX).max(1);
-        RenderOptions {
-            staged: self.boolean("staged"),
-            tile: self.whole("tile", default.tile),
-            primary: self.word("primary", default.primary),
-            first_shadow: self.word("first_shadow", default.first_shadow),
-            threads: if self.text("threads") == Some("half") { half } else { default.threads },
         }
     }
 

@@ -13,8 +13,8 @@
 //! * Table 1's `static` sets a builder flag that a tree built once does not feel; where nothing moves there
 //!   is no update to choose, and native Embree's flag for it only costs memory.
 //! * Trees shallower than 24 levels were never among the good ones, and every tenth of them cannot be built.
-//! * Packets of another kind for camera rays gain nothing (measured on three scenes): these values are left
-//!   out. Rays after a bounce always go alone, in the order of their pixels: neither packets nor sorting pay.
+//! * Camera rays and their shadow rays go in packets of sixteen, all others alone, in the order of their
+//!   pixels: neither other packets nor sorting pay, nor do other tiles or fewer threads.
 //! * Only the best grouping of a finished tree makes nodes of sixteen, so it has a parameter of its own for
 //!   the width.
 //! * Only a scene of instances has something to copy or to open.
@@ -41,7 +41,11 @@ pub(super) fn parameters(premises: &Premises) -> Vec<Explained> {
     )];
     all.extend(native(premises));
     all.extend(tunable(premises));
-    all.extend(rendering());
+    all.push(boolean(
+        "staged",
+        true,
+        "all camera rays of a tile, then all their shadow rays, and so on, in packets; otherwise path by path",
+    ));
     all
 }
 
@@ -187,29 +191,4 @@ fn tunable(premises: &Premises) -> Vec<Explained> {
         all.push(threshold.log().only_while("update", ["partial"]));
     }
     all
-}
-
-fn rendering() -> Vec<Explained> {
-    let staged = |one: Explained| one.only_while("staged", [true]);
-    vec![
-        boolean(
-            "staged",
-            true,
-            "all camera rays of a tile, then all their shadow rays, and so on; otherwise path by path",
-        ),
-        choice("threads", ["all", "half"], "all", "how many of the render threads work on a frame"),
-        choice("tile", [8, 16, 32, 64], 32, "edge of a tile in pixels"),
-        staged(choice(
-            "primary",
-            ["single", "eight_coherent", "sixteen_coherent"],
-            "sixteen_coherent",
-            "rays from the camera: one by one or in packets",
-        )),
-        staged(choice(
-            "first_shadow",
-            ["single", "eight", "sixteen", "eight_coherent", "sixteen_coherent"],
-            "sixteen_coherent",
-            "shadow rays of the points the camera sees",
-        )),
-    ]
 }

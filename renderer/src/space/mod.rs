@@ -95,8 +95,6 @@ pub struct Premises {
     pub animated: bool,
     /// The scene has objects that are placed by instances.
     pub instanced: bool,
-    /// The number of render threads; 0 for one a core.
-    pub threads: usize,
     /// The kinds of light that the scene has.
     pub lights: LightKinds,
 }
@@ -109,7 +107,6 @@ impl Premises {
             robust: false,
             animated: true,
             instanced: true,
-            threads: 0,
             lights: LightKinds::ALL,
         }
     }
@@ -122,7 +119,6 @@ pub struct TuningSpace {
     robust: bool,
     animated: bool,
     instanced: bool,
-    threads: usize,
     lights: LightKinds,
     /// The tree and the grouping of rays that go with light sampling.
     base: Choice,
@@ -144,15 +140,13 @@ impl TuningSpace {
         let about = explained.iter().map(|one| one.about).collect();
         let space = space_of(explained.into_iter().map(|one| one.parameter).collect());
         let space = space.expect("the spaces of this program are sound");
-        let cores = || std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
-        let threads = if premises.threads == 0 { cores() } else { premises.threads };
         let Premises { robust, animated, instanced, lights, .. } = *premises;
         let base = match preset {
             Preset::Light => Self::new(Preset::Full, premises).default_choice(),
             Preset::Follow => follow::base(premises),
             Preset::Full | Preset::Paper => Choice::paper_default(),
         };
-        Self { preset, robust, animated, instanced, threads, lights, base, space, about, held: Vec::new() }
+        Self { preset, robust, animated, instanced, lights, base, space, about, held: Vec::new() }
     }
 
     /// Table 1.
@@ -173,8 +167,8 @@ impl TuningSpace {
     }
 
     fn premises(&self) -> Premises {
-        let Self { robust, animated, instanced, threads, lights, .. } = *self;
-        Premises { builds_each_frame: true, robust, animated, instanced, threads, lights }
+        let Self { robust, animated, instanced, lights, .. } = *self;
+        Premises { builds_each_frame: true, robust, animated, instanced, lights }
     }
 
     /// Which one it is.
@@ -207,7 +201,7 @@ impl TuningSpace {
     pub fn choice(&self, configuration: &Configuration) -> Result<Choice, ConfigurationError> {
         let complete = self.with_held(&self.complete(configuration)?);
         Ok(match self.preset {
-            Preset::Full => choice::of_full(&complete, self.robust, self.threads),
+            Preset::Full => choice::of_full(&complete, self.robust),
             Preset::Paper => choice::of_paper(&complete),
             Preset::Light => choice::of_light(&complete, &self.base),
             Preset::Follow => choice::of_follow(&complete, &self.base, &self.premises()),

@@ -12,6 +12,11 @@ const RETIRED: &[(&str, &[&str])] = &[
     ("order", &["builder", "depth_first"]),
     ("child_order", &["likely"]),
     ("tile_order", &["rows"]),
+    // The one goes with paths one by one, the other with stages.
+    ("tile", &["16", "32"]),
+    ("threads", &["all"]),
+    ("primary", &["sixteen_coherent"]),
+    ("first_shadow", &["sixteen_coherent"]),
     ("bounce", &["single"]),
     ("shadow", &["single"]),
     ("sort", &["none"]),

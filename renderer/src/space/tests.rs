@@ -1,7 +1,7 @@
 //! Both spaces: defaults, every value's way into the renderer, and mistakes.
 
 use treewright_accel::{
-    BuildChoice, Builder, Collapse, NativeAcceleration, NativeOptions, NativeQuality, Packets, Quality,
+    BuildChoice, Builder, Collapse, NativeAcceleration, NativeOptions, NativeQuality, Quality,
     TreeParameters, Update,
 };
 
@@ -49,13 +49,7 @@ fn the_papers_default_is_that_of_table_1() {
 
 #[test]
 fn the_full_default_is_the_best_of_the_measured_ones() {
-    let by_hand = RenderOptions {
-        staged: true,
-        tile: 32,
-        primary: Packets::SixteenCoherent,
-        first_shadow: Packets::SixteenCoherent,
-        ..RenderOptions::default()
-    };
+    let by_hand = RenderOptions { staged: true };
     let ours = choice(&full(), "").expect("the default is valid");
     assert_eq!((ours.render, ours.update), (by_hand, Update::Rebuild));
     let tree = tree(&full(), "");
@@ -153,17 +147,7 @@ fn every_value_of_the_full_space_arrives() {
         (update("native_update=refit"), update("quality=2")),
         (Ok(Update::Refit), Ok(Update::Rebuild))
     );
-    let text = "threads=half,tile=64,primary=eight_coherent,first_shadow=sixteen";
-    let render = RenderOptions {
-        staged: true,
-        tile: 64,
-        primary: Packets::EightCoherent,
-        first_shadow: Packets::Sixteen,
-        threads: 3,
-    };
-    let full = TuningSpace::new(Preset::Full, &Premises { threads: 6, ..Premises::all() });
-    assert_eq!(choice(&full, text).map(|choice| choice.render), Ok(render));
-    let plain = choice(&full, "staged=false,tile=16").map(|choice| choice.render);
+    let plain = choice(&full, "staged=false").map(|choice| choice.render);
     assert_eq!(plain, Ok(RenderOptions::default()));
 }
 
@@ -216,12 +200,10 @@ fn a_value_takes_along_what_it_needs() {
     assert_eq!(get("reinsertion_passes=2", "backend"), Some("tunable".into()));
     assert_eq!(get("native_layout=compact", "native_quality"), Some("medium".into()));
     assert_eq!(get("sah_block_size=2", "quality"), Some(Value::from(2)), "the default where it fits");
-    assert_eq!(get("primary=single", "staged"), Some(true.into()));
     assert_eq!(get("node_width=16", "collapse"), Some("optimal".into()));
     assert!(problem(&full, "node_width=4,branching_factor=2").contains("it needs collapse = builder"));
     assert_eq!(get("max_leaf_size=2", "min_leaf_size"), Some(Value::from(2)), "it gives way");
     assert!(problem(&full, "backend=native,quality=2").contains("it needs backend = tunable"));
-    assert!(problem(&full, "staged=false,primary=single").contains("it needs staged = true"));
 }
 
 #[test]

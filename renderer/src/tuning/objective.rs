@@ -202,9 +202,9 @@ pub fn study_id(objective: Objective, space: &TuningSpace) -> String {
 }
 
 /// The name of a space in the ids of its studies. The full space, which had more parameters once, has a
-/// number, e.g. `full-2`: studies with the former ones stay what they are.
+/// number, e.g. `full-3`: studies with the former ones stay what they are.
 pub fn space_in_ids(space: &TuningSpace) -> String {
-    space.name() + if space.preset() == Preset::Full { "-2" } else { "" }
+    space.name() + if space.preset() == Preset::Full { "-3" } else { "" }
 }
 
 #[cfg(test)]
@@ -217,13 +217,13 @@ mod tests {
         let space = |robust, animated, instanced| {
             TuningSpace::new(Preset::Full, &Premises { robust, animated, instanced, ..Premises::all() })
         };
-        assert_eq!(study_id(Objective::Render, &space(false, false, false)), "render-full-2");
+        assert_eq!(study_id(Objective::Render, &space(false, false, false)), "render-full-3");
         assert_eq!(
             study_id(Objective::Total, &space(true, true, true)),
-            "total-full-robust-moving-instanced-2"
+            "total-full-robust-moving-instanced-3"
         );
         assert_eq!(study_id(Objective::Total, &TuningSpace::paper()), "total-paper");
-        assert_eq!(space_in_ids(&space(false, false, true)), "full-instanced-2");
+        assert_eq!(space_in_ids(&space(false, false, true)), "full-instanced-3");
     }
 
     #[test]

@@ -87,7 +87,7 @@ pub fn rivals(space: &TuningSpace, premises: &Premises, start: &Start) -> Vec<Ri
     for rival in &mut all {
         // Path by path, ray by ray: these are configurations of the full space, too.
         let Who::Native(quality) = rival.contender.who else { continue };
-        let text = format!("backend=native,native_quality={},staged=false,tile=16", quality.name());
+        let text = format!("backend=native,native_quality={},staged=false", quality.name());
         rival.configuration = space::parse(&text).ok().and_then(|given| space.complete(&given).ok());
         if let Some(choice) = rival.configuration.as_ref().and_then(|own| space.choice(own).ok()) {
             // Watertight where all are.

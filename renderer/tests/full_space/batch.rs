@@ -29,7 +29,7 @@ const PICTURE_DIFFERENCE_MAX: f64 = 0.03;
 
 /// A space by its line's first word.
 pub(crate) fn space(robust: bool) -> TuningSpace {
-    TuningSpace::new(Preset::Full, &Premises { robust, threads: 2, ..Premises::all() })
+    TuningSpace::new(Preset::Full, &Premises { robust, ..Premises::all() })
 }
 
 /// A scene with the answers of brute force.

@@ -73,7 +73,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
     let moving = arguments.view.scene.moving()?;
     let mut scene = moving.at(arguments.view.scene.time)?;
     let mut renderer = arguments.view.frame.renderer(&scene)?;
-    let choice = arguments.structure.choice(renderer.threads())?;
+    let choice = arguments.structure.choice()?;
     let view = arguments.view.frame.view(arguments.view.camera.find(&scene)?);
     let mut film = Film::new(arguments.view.size.width, arguments.view.size.height);
     let partial = THRESHOLDS.map(Update::partial);

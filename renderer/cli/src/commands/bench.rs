@@ -100,7 +100,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
     let scene = arguments.scene.load()?;
     let premises = |each_frame| Premises {
         builds_each_frame: each_frame,
-        ..arguments.space.premises(&scene, Objective::Render, arguments.frame.threads)
+        ..arguments.space.premises(&scene, Objective::Render)
     };
     let mut contenders = natives().to_vec();
     contenders.extend(
@@ -110,7 +110,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
         let full = TuningSpace::new(Preset::Full, &premises(objective.builds_each_frame()));
         contenders.push(Contender { who: Who::BestFixedFor(objective), choice: full.default_choice() });
     }
-    let space = arguments.space.whole(Objective::Render, arguments.frame.threads)?;
+    let space = arguments.space.whole(Objective::Render)?;
     for text in &arguments.config {
         contenders.push(own(text, &space, &space::parse(text)?)?);
     }

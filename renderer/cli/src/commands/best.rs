@@ -69,7 +69,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
     let scene = arguments.scene.load()?;
     let camera = arguments.camera.find(&scene)?;
     let objective = arguments.reuse.of(arguments.objective)?;
-    let recommended = arguments.space.judged_by(objective)?.of(&scene, objective, arguments.frame.threads)?;
+    let recommended = arguments.space.judged_by(objective)?.of(&scene, objective)?;
     let (start, whole) = arguments.start.of(&recommended)?;
     // A part of a space has a study of its own, and its configurations lack what was fixed.
     let space = arguments.narrowing.of(&whole)?;

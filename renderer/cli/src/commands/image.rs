@@ -87,7 +87,7 @@ struct Outcome {
 /// Renders the picture.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
     image_file::check_path(&arguments.out)?;
-    let choice = arguments.structure.choice(arguments.frame.threads)?;
+    let choice = arguments.structure.choice()?;
     let scene = arguments.scene.load()?;
     let camera = arguments.camera.find(&scene)?;
     let mut renderer = arguments.frame.renderer(&scene)?;

@@ -157,7 +157,7 @@ pub(crate) fn scenes(arguments: &ListArguments) -> Result<(), CliError> {
 
 /// Shows a parameter space.
 pub(crate) fn spaces(arguments: &SpacesArguments) -> Result<(), CliError> {
-    let space = arguments.space.whole(arguments.objective, 0)?;
+    let space = arguments.space.whole(arguments.objective)?;
     let parameters: Vec<Explained> = space.explained().collect();
     if arguments.json {
         return output::json(&SpaceInfo {

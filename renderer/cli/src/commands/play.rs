@@ -167,12 +167,11 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
     let client = arguments.server.connect(arguments.frame.threads)?;
     let scene = arguments.scene.load()?;
     let renderer = arguments.frame.renderer(&scene)?;
-    let threads = arguments.frame.threads;
     let mut reuse = Reuse::default();
     let objective = arguments.objective.objective(&reuse);
     let space = match moves {
-        true => arguments.space.of_moving(&scene, threads)?,
-        false => arguments.space.of(&scene, objective, threads)?,
+        true => arguments.space.of_moving(&scene)?,
+        false => arguments.space.of(&scene, objective)?,
     };
     let (start, space) = arguments.start.of(&space)?;
     let made = || study_id(objective, &space) + &start.mark(&space);

@@ -116,11 +116,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
     for scene in &arguments.scene {
         let scene =
             SceneArguments::plain(scene.clone(), arguments.detail, arguments.scene_seed, 0.0).load()?;
-        let whole = arguments.space.judged_by(Objective::Render)?.of(
-            &scene,
-            Objective::Render,
-            arguments.frame.threads,
-        )?;
+        let whole = arguments.space.judged_by(Objective::Render)?.of(&scene, Objective::Render)?;
         let id = arguments.server.study.clone().unwrap_or_else(|| format!("sample-{}", space_in_ids(&whole)));
         if study.as_ref() != Some(&id) {
             // A model is of no use here, and fitting one would disturb the next measurement.

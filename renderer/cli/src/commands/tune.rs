@@ -53,7 +53,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
     let candidates = candidates.collect::<Result<Vec<_>, _>>()?;
     let client = arguments.server.connect_within(arguments.frame.threads, arguments.patience())?;
     let scene = arguments.scene.load()?;
-    let recommended = arguments.space.of(&scene, arguments.objective, arguments.frame.threads)?;
+    let recommended = arguments.space.of(&scene, arguments.objective)?;
     let (start, whole) = arguments.start.of(&recommended)?;
     let space = Arc::new(arguments.narrowing.of(&whole)?);
     let camera = arguments.camera.find(&scene)?;
@@ -114,7 +114,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
         notes.push(error.to_string());
     }
 
-    let premises = arguments.space.premises(&scene, arguments.objective, arguments.frame.threads);
+    let premises = arguments.space.premises(&scene, arguments.objective);
     let mut rivals = verdict::rivals(&whole, &premises, &start);
     rivals.extend(verdict::for_stills(arguments.objective, &whole, &premises));
     let spinner = output::spinner("the best few run against the start and native Embree");
