@@ -211,7 +211,7 @@ fn in_summary(title: &str, values: &[f64], scenes: &[String]) {
 fn main() -> Result<(), Failure> {
     let arguments = Arguments::parse();
     let preset = if arguments.lever == Lever::Light { Preset::Light } else { Preset::Follow };
-    let space = TuningSpace::new(preset, &Premises { animated: false, ..Premises::all() });
+    let space = TuningSpace::new(preset, &Premises::all());
     let ways = ways(&arguments, &space)?;
     let (mut tables, mut scenes, mut names) = (Vec::new(), Vec::new(), Vec::new());
     for written in &arguments.worlds {

@@ -125,7 +125,7 @@ pub(super) fn with_versions(machine: Fingerprint, threads: usize) -> Result<Fing
 /// The space of a record.
 pub(super) fn space(conditions: &Conditions) -> TuningSpace {
     let preset = if conditions.space == "paper" { Preset::Paper } else { Preset::Full };
-    let premises = Premises { robust: false, animated: false, instanced: false, ..Premises::all() };
+    let premises = Premises { robust: false, instanced: false, ..Premises::all() };
     TuningSpace::new(preset, &premises)
 }
 

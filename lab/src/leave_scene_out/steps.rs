@@ -302,12 +302,8 @@ pub(crate) fn tell(
 /// The space of an objective: one for all scenes of the suite, so that each can teach the others. Instances
 /// are opened as recommended.
 pub(crate) fn space(objective: Objective) -> TuningSpace {
-    let premises = Premises {
-        builds_each_frame: objective.builds_each_frame(),
-        animated: false,
-        instanced: false,
-        ..Premises::all()
-    };
+    let premises =
+        Premises { builds_each_frame: objective.builds_each_frame(), instanced: false, ..Premises::all() };
     TuningSpace::new(Preset::Full, &premises)
 }
 

@@ -211,8 +211,7 @@ impl SpaceArguments {
         }
     }
 
-    /// The space of a study: one for all scenes that stand still, but for those of instances, which have more
-    /// parameters.
+    /// The space of a study: one for all scenes, but for those of instances, which have more parameters.
     pub fn of(&self, scene: &Scene, objective: Objective) -> Result<TuningSpace, CliError> {
         self.checked(self.premises(scene, objective))
     }
@@ -222,15 +221,9 @@ impl SpaceArguments {
         Premises {
             builds_each_frame: objective.begins_with_cheap_builds(),
             robust: self.robust,
-            animated: false,
             instanced: scene.instances.is_some(),
             lights: if self.space == Preset::Light { LightKinds::of(scene) } else { LightKinds::ALL },
         }
-    }
-
-    /// The space of a study of scenes that move, with what brings a structure along.
-    pub fn of_moving(&self, scene: &Scene) -> Result<TuningSpace, CliError> {
-        self.checked(Premises { animated: true, ..self.premises(scene, Objective::Total) })
     }
 
     /// The space with every parameter there is, to read configurations with.

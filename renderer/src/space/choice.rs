@@ -105,9 +105,7 @@ pub(super) fn of_full(complete: &Configuration, robust: bool) -> Choice {
     let values = Values(complete);
     let tunable = values.text("backend") == Some(Backend::Tunable.name());
     let build = if tunable { BuildChoice::Tree(values.tree(robust)) } else { values.native(robust) };
-    let light = LightSampling::default();
-    let render = RenderOptions { staged: values.boolean("staged") };
-    Choice { build, render, update: values.update(), period: NEVER, light }
+    Choice { render: RenderOptions { staged: values.boolean("staged") }, ..Choice::from(build) }
 }
 
 /// Reads values; a missing value is inactive and keeps the default of its field.
@@ -120,7 +118,6 @@ impl Values<'_> {
         BuildChoice::Native(NativeOptions {
             quality: self.word("native_quality", default.quality),
             compact,
-            dynamic: self.boolean("native_dynamic"),
             robust,
             acceleration: match compact {
                 true => NativeAcceleration::Auto,
@@ -128,16 +125,8 @@ impl Values<'_> {
             },
             split_budget: self.number("native_split_budget", default.split_budget),
             presplit: self.boolean("native_presplit"),
+            ..default
         })
-    }
-
-    /// Only one of the two names is active.
-    fn update(&self) -> Update {
-        match self.text("update").or(self.text("native_update")) {
-            Some("refit") => Update::Refit,
-            Some("partial") => Update::partial(self.number("rebuild_threshold", Update::REBUILD_THRESHOLD)),
-            _ => Update::Rebuild,
-        }
     }
 
     fn tree(&self, robust: bool) -> TreeParameters {

@@ -67,7 +67,7 @@ pub(super) fn build(tree: KeptTree, premises: &Premises) -> BuildChoice {
         BuildChoice::Native(NativeOptions { quality, robust, dynamic, ..NativeOptions::default() })
     };
     let recommended = |builds_each_frame| {
-        let premises = Premises { builds_each_frame, animated: false, ..*premises };
+        let premises = Premises { builds_each_frame, ..*premises };
         TuningSpace::new(Preset::Full, &premises).default_choice().build
     };
     match tree {

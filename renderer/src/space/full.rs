@@ -10,8 +10,8 @@
 //!   medium quality, spatial splits and their budget with high; its values are few, because each takes a
 //!   device.
 //! * Of Table 1's two costs only the ratio acts: `traversal_cost` counts in triangle tests.
-//! * Table 1's `static` sets a builder flag that a tree built once does not feel; where nothing moves there
-//!   is no update to choose, and native Embree's flag for it only costs memory.
+//! * Table 1's `static` sets a builder flag that a tree built once does not feel. How a structure follows what
+//!   moves takes many frames to judge; the space `follow` has it.
 //! * Trees shallower than 24 levels were never among the good ones, and every tenth of them cannot be built.
 //! * Camera rays and their shadow rays go in packets of sixteen, all others alone, in the order of their
 //!   pixels: neither other packets nor sorting pay, nor do other tiles or fewer threads.
@@ -88,15 +88,8 @@ fn native(premises: &Premises) -> Vec<Explained> {
         )));
         all.push(high(boolean("native_presplit", false, "split triangles before the build, not during it")));
     }
-    if premises.animated {
-        all.push(native(boolean("native_dynamic", false, "keep what a later update can use")));
-        all.push(native(choice("native_update", ["rebuild", "refit"], "rebuild", UPDATE)));
-    }
     all
 }
-
-const UPDATE: &str =
-    "how the structure follows what moves: built anew, boxes fitted, or decayed parts built anew";
 
 fn tunable(premises: &Premises) -> Vec<Explained> {
     let tunable = |one: Explained| one.only_while("backend", [Backend::Tunable.name()]);
@@ -181,14 +174,6 @@ fn tunable(premises: &Premises) -> Vec<Explained> {
             1,
             "into how many parts, on average, instances are opened for the tree over them",
         )));
-    }
-    if premises.animated {
-        // Over rebuilding, sea at four speeds: 1.37, 1.30, 1.28 and 0.99 times.
-        let update = if each_frame { "partial" } else { "rebuild" };
-        all.push(tunable(choice("update", ["rebuild", "refit", "partial"], update, UPDATE)));
-        let about = "how many times the cost at its last build a part may have before it is built anew";
-        let threshold = float("rebuild_threshold", 1.0..=4.0, 1.3, about);
-        all.push(threshold.log().only_while("update", ["partial"]));
     }
     all
 }

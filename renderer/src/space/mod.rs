@@ -91,8 +91,6 @@ pub struct Premises {
     pub builds_each_frame: bool,
     /// The user wants watertight intersection.
     pub robust: bool,
-    /// The scene moves from frame to frame.
-    pub animated: bool,
     /// The scene has objects that are placed by instances.
     pub instanced: bool,
     /// The kinds of light that the scene has.
@@ -102,13 +100,7 @@ pub struct Premises {
 impl Premises {
     /// Under which every parameter there is exists.
     pub fn all() -> Self {
-        Self {
-            builds_each_frame: false,
-            robust: false,
-            animated: true,
-            instanced: true,
-            lights: LightKinds::ALL,
-        }
+        Self { builds_each_frame: false, robust: false, instanced: true, lights: LightKinds::ALL }
     }
 }
 
@@ -117,7 +109,6 @@ impl Premises {
 pub struct TuningSpace {
     preset: Preset,
     robust: bool,
-    animated: bool,
     instanced: bool,
     lights: LightKinds,
     /// The tree and the grouping of rays that go with light sampling.
@@ -140,13 +131,13 @@ impl TuningSpace {
         let about = explained.iter().map(|one| one.about).collect();
         let space = space_of(explained.into_iter().map(|one| one.parameter).collect());
         let space = space.expect("the spaces of this program are sound");
-        let Premises { robust, animated, instanced, lights, .. } = *premises;
+        let Premises { robust, instanced, lights, .. } = *premises;
         let base = match preset {
             Preset::Light => Self::new(Preset::Full, premises).default_choice(),
             Preset::Follow => follow::base(premises),
             Preset::Full | Preset::Paper => Choice::paper_default(),
         };
-        Self { preset, robust, animated, instanced, lights, base, space, about, held: Vec::new() }
+        Self { preset, robust, instanced, lights, base, space, about, held: Vec::new() }
     }
 
     /// Table 1.
@@ -163,12 +154,12 @@ impl TuningSpace {
         let full = self.preset == Preset::Full;
         let robust = mark(self.robust && (full || self.preset == Preset::Follow), "-robust");
         let instanced = mark(self.instanced && full, "-instanced");
-        format!("{}{robust}{}{instanced}", self.preset.name(), mark(self.animated && full, "-moving"))
+        format!("{}{robust}{instanced}", self.preset.name())
     }
 
     fn premises(&self) -> Premises {
-        let Self { robust, animated, instanced, lights, .. } = *self;
-        Premises { builds_each_frame: true, robust, animated, instanced, lights }
+        let Self { robust, instanced, lights, .. } = *self;
+        Premises { builds_each_frame: true, robust, instanced, lights }
     }
 
     /// Which one it is.

@@ -1,5 +1,6 @@
-//! Parameters that the full space had once. None of them paid (`docs/measurements/lean.md`), so the renderer
-//! always does what was recommended. Configurations that people kept may still name them.
+//! Parameters that the full space had once. None of them paid (`docs/measurements/lean.md`), or another space
+//! has them: how a structure follows. So the renderer always does what was recommended. Configurations that
+//! people kept may still name them.
 
 use treewright_client::Configuration;
 
@@ -20,6 +21,10 @@ const RETIRED: &[(&str, &[&str])] = &[
     ("bounce", &["single"]),
     ("shadow", &["single"]),
     ("sort", &["none"]),
+    ("update", &["partial"]),
+    ("rebuild_threshold", &["1.3"]),
+    ("native_update", &["refit"]),
+    ("native_dynamic", &["false"]),
 ];
 
 impl TuningSpace {

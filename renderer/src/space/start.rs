@@ -10,7 +10,7 @@ use super::{ConfigurationError, Preset, TuningSpace, parse, space_of};
 const UNTUNED: &str = "native_quality=medium,native_layout=auto,builder=embree,quality=2,search_radius=8,\
      cluster_size=1,collapse=builder,branching_factor=2,node_width=8,reinsertion_passes=0,\
      max_depth=32,sah_block_size=1,min_leaf_size=1,max_leaf_size=32,traversal_cost=1.0,block_width=4,\
-     update=rebuild,staged=false";
+     staged=false";
 
 /// Where a search begins. It is the default of the study, which every gain is compared with.
 #[derive(Clone, Debug, Default, PartialEq)]

@@ -1,8 +1,7 @@
 //! Both spaces: defaults, every value's way into the renderer, and mistakes.
 
 use treewright_accel::{
-    BuildChoice, Builder, Collapse, NativeAcceleration, NativeOptions, NativeQuality, Quality,
-    TreeParameters, Update,
+    BuildChoice, Builder, Collapse, NativeAcceleration, NativeOptions, NativeQuality, Quality, TreeParameters,
 };
 
 use treewright_client::Domain;
@@ -14,14 +13,9 @@ fn full() -> TuningSpace {
     TuningSpace::new(Preset::Full, &Premises::all())
 }
 
-fn spaces() -> [TuningSpace; 4] {
-    let all = Premises::all();
-    [
-        TuningSpace::paper(),
-        full(),
-        TuningSpace::new(Preset::Full, &Premises { builds_each_frame: true, robust: true, ..all }),
-        TuningSpace::new(Preset::Full, &Premises { animated: false, ..all }),
-    ]
+fn spaces() -> [TuningSpace; 3] {
+    let robust = Premises { builds_each_frame: true, robust: true, ..Premises::all() };
+    [TuningSpace::paper(), full(), TuningSpace::new(Preset::Full, &robust)]
 }
 
 fn choice(space: &TuningSpace, text: &str) -> Result<Choice, ConfigurationError> {
@@ -51,7 +45,7 @@ fn the_papers_default_is_that_of_table_1() {
 fn the_full_default_is_the_best_of_the_measured_ones() {
     let by_hand = RenderOptions { staged: true };
     let ours = choice(&full(), "").expect("the default is valid");
-    assert_eq!((ours.render, ours.update), (by_hand, Update::Rebuild));
+    assert_eq!(ours.render, by_hand);
     let tree = tree(&full(), "");
     assert_eq!((tree.branching_factor, tree.block_width, tree.reinsertion_passes), (16, 8, 4));
     assert_eq!((tree.quality, tree.collapse), (Quality::Sah, Collapse::Optimal));
@@ -60,9 +54,6 @@ fn the_full_default_is_the_best_of_the_measured_ones() {
     assert_eq!((quick.branching_factor, quick.block_width, quick.reinsertion_passes), (8, 8, 0));
     assert_eq!((quick.builder, quick.collapse), (Builder::Ploc, Collapse::Builder));
     assert_eq!((quick.search_radius, quick.cluster_size), (4, 8));
-    // Moving parts are rebuilt where they have decayed.
-    let update = choice(&each_frame, "").expect("the default is valid").update;
-    assert_eq!(update, Update::partial(Update::REBUILD_THRESHOLD));
     assert_eq!((tree.min_leaf_size, tree.max_leaf_size), (8, 32));
     assert_eq!((quick.min_leaf_size, quick.max_leaf_size), (16, 32));
 }
@@ -125,11 +116,9 @@ fn every_value_of_the_full_space_arrives() {
     assert_eq!(tree(&full, text), expected);
     let own = tree(&full, "search_radius=16");
     assert_eq!((own.builder, own.search_radius), (Builder::Ploc, 16));
-    let native =
-        choice(&full, "native_quality=high,native_split_budget=2,native_presplit=true,native_dynamic=true");
+    let native = choice(&full, "native_quality=high,native_split_budget=2,native_presplit=true");
     let options = NativeOptions {
         quality: NativeQuality::High,
-        dynamic: true,
         split_budget: 2.0,
         presplit: true,
         ..NativeOptions::default()
@@ -141,12 +130,6 @@ fn every_value_of_the_full_space_arrives() {
     assert_eq!(layout("native_layout=compact"), Ok(BuildChoice::Native(compact)));
     let qbvh = NativeOptions { acceleration: NativeAcceleration::Qbvh8Triangle4, ..options };
     assert_eq!(layout("native_layout=qbvh8_triangle4"), Ok(BuildChoice::Native(qbvh)));
-    let update = |text: &str| choice(&full, text).map(|choice| choice.update);
-    assert_eq!(update("rebuild_threshold=2"), Ok(Update::partial(2.0)));
-    assert_eq!(
-        (update("native_update=refit"), update("quality=2")),
-        (Ok(Update::Refit), Ok(Update::Rebuild))
-    );
     let plain = choice(&full, "staged=false").map(|choice| choice.render);
     assert_eq!(plain, Ok(RenderOptions::default()));
 }
@@ -204,18 +187,6 @@ fn a_value_takes_along_what_it_needs() {
     assert!(problem(&full, "node_width=4,branching_factor=2").contains("it needs collapse = builder"));
     assert_eq!(get("max_leaf_size=2", "min_leaf_size"), Some(Value::from(2)), "it gives way");
     assert!(problem(&full, "backend=native,quality=2").contains("it needs backend = tunable"));
-}
-
-#[test]
-fn what_stands_still_is_not_updated() {
-    let names = |space: &TuningSpace| -> Vec<String> {
-        space.space().parameters().iter().map(|parameter| parameter.name.clone()).collect()
-    };
-    let still = TuningSpace::new(Preset::Full, &Premises { animated: false, ..Premises::all() });
-    let missing: Vec<String> =
-        names(&full()).into_iter().filter(|name| !names(&still).contains(name)).collect();
-    assert_eq!(missing, ["native_dynamic", "native_update", "update", "rebuild_threshold"]);
-    assert!(problem(&still, "update=refit").contains("--space full: parameter \"update\" is unknown"));
 }
 
 #[test]

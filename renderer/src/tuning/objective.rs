@@ -214,16 +214,13 @@ mod tests {
 
     #[test]
     fn all_scenes_share_a_study_of_an_objective_and_a_space() {
-        let space = |robust, animated, instanced| {
-            TuningSpace::new(Preset::Full, &Premises { robust, animated, instanced, ..Premises::all() })
+        let space = |robust, instanced| {
+            TuningSpace::new(Preset::Full, &Premises { robust, instanced, ..Premises::all() })
         };
-        assert_eq!(study_id(Objective::Render, &space(false, false, false)), "render-full-3");
-        assert_eq!(
-            study_id(Objective::Total, &space(true, true, true)),
-            "total-full-robust-moving-instanced-3"
-        );
+        assert_eq!(study_id(Objective::Render, &space(false, false)), "render-full-3");
+        assert_eq!(study_id(Objective::Total, &space(true, true)), "total-full-robust-instanced-3");
         assert_eq!(study_id(Objective::Total, &TuningSpace::paper()), "total-paper");
-        assert_eq!(space_in_ids(&space(false, false, true)), "full-instanced-3");
+        assert_eq!(space_in_ids(&space(false, true)), "full-instanced-3");
     }
 
     #[test]

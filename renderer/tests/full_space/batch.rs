@@ -4,7 +4,7 @@
 use std::sync::Arc;
 
 use glam::Vec3;
-use treewright_accel::{BuildChoice, Hit, Intersector, Packets, Ray, Structure};
+use treewright_accel::{BuildChoice, Hit, Intersector, Packets, Ray, Structure, Update};
 use treewright_renderer::film::{Film, Picture};
 use treewright_renderer::frame::Renderer;
 use treewright_renderer::integrator::random::PathRandom;
@@ -17,6 +17,9 @@ use crate::scenes::Kind;
 
 /// Rays a scene: not a multiple of a packet's.
 const RAYS: u32 = 203;
+
+/// How structures follow what moves.
+const UPDATE: Update = Update::Partial { rebuild_threshold: 1.1 };
 
 /// Two distances agree up to this share of them.
 const DISTANCE_TOLERANCE: f32 = 1e-3;
@@ -77,7 +80,7 @@ impl Case {
         for scene in &self.scenes {
             self.renderer.set_scene(scene.clone());
             let outcome = match &mut structure {
-                Some(structure) => self.renderer.follow(structure, choice.update).map(drop),
+                Some(structure) => self.renderer.follow(structure, UPDATE).map(drop),
                 None => self.renderer.build(&choice.build).map(|(built, _)| structure = Some(built)),
             };
             match outcome {

@@ -4,8 +4,8 @@
 //! little or answers at once by a prediction. In progressive rendering a structure is kept as long as the
 //! configuration does not change; in real-time rendering each frame builds its own.
 //!
-//! With `--rounds` the scene moves as well, and each frame updates the structure in the way of its
-//! configuration.
+//! With `--rounds` the scene moves as well, and the structure follows: parts that have decayed are built anew,
+//! in the paper's space all of it.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -29,7 +29,7 @@ use treewright_renderer::frame::{FrameTimes, Renderer, milliseconds};
 use treewright_renderer::integrator::View;
 use treewright_renderer::limits::ITERATIONS_MAX;
 use treewright_renderer::scheduling::{ThreadTimes, of_process};
-use treewright_renderer::space::{Choice, TuningSpace};
+use treewright_renderer::space::{Choice, Preset, TuningSpace};
 use treewright_renderer::statistics::Summary;
 use treewright_renderer::tuning::objective::{Objective, frame_cost, specification, study_id};
 use treewright_renderer::tuning::reuse::Reuse;
@@ -169,10 +169,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
     let renderer = arguments.frame.renderer(&scene)?;
     let mut reuse = Reuse::default();
     let objective = arguments.objective.objective(&reuse);
-    let space = match moves {
-        true => arguments.space.of_moving(&scene)?,
-        false => arguments.space.of(&scene, objective)?,
-    };
+    let space = arguments.space.of(&scene, objective)?;
     let (start, space) = arguments.start.of(&space)?;
     let made = || study_id(objective, &space) + &start.mark(&space);
     let id = arguments.server.study.clone().unwrap_or_else(made);
@@ -375,7 +372,10 @@ impl Flight {
     /// Brings the structure to another moment. A structure of another choice is first rebuilt over the moment
     /// before, so that only the update is timed.
     fn follow(&mut self, scene: Arc<Scene>, choice: &Choice) -> Result<f64, BuildError> {
-        let mut update = choice.update;
+        let mut update = match self.space.preset() {
+            Preset::Full => Update::partial(Update::REBUILD_THRESHOLD),
+            _ => choice.update,
+        };
         let stranger = self.kept.as_ref().is_none_or(|kept| kept.choice.build != choice.build);
         if stranger {
             self.wear = Wear::default();
