@@ -6,12 +6,12 @@ use super::integrator::morton::{decode_2, encode_2};
 use super::integrator::sampling::luminance;
 
 /// Edge of a block in pixels: the largest tile.
-const BLOCK: u32 = 64;
+const BLOCK: u32 = 32;
 
 const BLOCK_PIXELS: usize = (BLOCK * BLOCK) as usize;
 
-/// Accumulated samples. Pixels lie in blocks of 64 × 64, in each along Morton's curve: every square tile
-/// whose edge is a power of two up to 64 is one run of memory, which threads can be handed apart, and so is
+/// Accumulated samples. Pixels lie in blocks of 32 × 32, in each along Morton's curve: every square tile
+/// whose edge is a power of two up to 32 is one run of memory, which threads can be handed apart, and so is
 /// every square of 4 × 4 pixels, whose rays make the most coherent packets.
 #[derive(Clone, Debug)]
 pub struct Film {
@@ -85,8 +85,8 @@ impl Film {
         Picture { width: self.width, height: self.height, pixels }
     }
 
-    /// The tiles of the picture row by row, the order they are to be begun in. An edge that is none of 8, 16,
-    /// 32 and 64 is taken for the nearest one below.
+    /// The tiles of the picture row by row, the order they are to be begun in. An edge that is none of 8, 16
+    /// and 32 is taken for the nearest one below.
     pub(crate) fn tiles(&mut self, edge: u32) -> Vec<Tile<'_>> {
         let edge = 1 << edge.clamp(8, BLOCK).ilog2();
         let (width, height, across) = (self.width, self.height, self.width.div_ceil(BLOCK));
@@ -144,7 +144,7 @@ mod tests {
     #[test]
     fn pixels_find_their_way_out_of_the_tiles() {
         for (width, height) in [(37, 21), (64, 64), (130, 65), (1, 1)] {
-            for edge in [8, 16, 32, 64] {
+            for edge in [8, 16, 32] {
                 let mut film = Film::new(width, height);
                 for tile in film.tiles(edge) {
                     assert_eq!(tile.sums.len(), (edge * edge) as usize);
