@@ -4,8 +4,9 @@
 Every peer is used as its own documentation shows it, with its default settings and the seed given. All are treated alike:
 the first trial of each is the default configuration, which counts like every other; who is able to say what it would use by
 a model of its own is asked for that (`recommends`), and all others are taken at the best they measured; who has a word for
-noise is told of it. Where a peer has no word for "cannot be run", it is told a cost twice as bad as the worst it has seen,
-which is the usual advice.
+noise is told of it. All know the order of a choice of numbers, and all that take constraints are told the same ones; who
+takes none is not asked where there are some (`takes`). Where a peer has no word for "cannot be run", it is told a cost twice
+as bad as the worst it has seen, which is the usual advice.
 """
 
 import json
@@ -17,74 +18,13 @@ import warnings
 
 import numpy
 
-from problems import active
+from interface import Driver, Method, from_unit, is_ordered, to_unit
+from problems import active, broken
 
+# Most proposals in succession that break constraints, and how many of them a sampler does not learn from.
+REFUSALS_MAX, REFUSALS_UNLEARNT = 1000, 50
 ROOT = pathlib.Path(__file__).resolve().parent.parent.parent
 ASK_TELL = pathlib.Path(os.environ.get("ASK_TELL", ROOT / "target" / "release" / "examples" / "ask_tell"))
-
-
-class Method:
-    """`propose()` is the method's own idea; `ask()` begins with the default configuration."""
-
-    # What `recommend` goes by.
-    recommends = "best measured"
-
-    def __init__(self, parameters, budget, seed):
-        self.parameters, self.budget, self.seed = parameters, budget, seed
-        self.told = []
-        self.worst = 1.0
-
-    def default(self):
-        return {parameter.name: parameter.default for parameter in self.parameters}
-
-    def ask(self):
-        return self.propose() if self.told else self.default()
-
-    def penalty(self, cost):
-        """A number for optimisers that only know numbers."""
-        if cost is None:
-            return 2.0 * self.worst
-        self.worst = max(self.worst, cost)
-        return cost
-
-    def tell(self, configuration, cost):
-        self.told.append((configuration, cost))
-
-    def recommend(self):
-        known = [(cost, index) for index, (_, cost) in enumerate(self.told) if cost is not None]
-        return self.told[min(known)[1]][0] if known else self.default()
-
-    def close(self):
-        pass
-
-
-def from_unit(parameter, u):
-    """The value at a place of the unit interval."""
-    u = min(max(float(u), 0.0), 1.0)
-    if parameter.kind == "switch":
-        return u >= 0.5
-    if parameter.kind == "choice":
-        return parameter.values[min(int(u * len(parameter.values)), len(parameter.values) - 1)]
-    low, high = parameter.low, parameter.high
-    if parameter.kind == "integer":
-        if parameter.log:
-            return int(min(max(round(math.exp(math.log(low) + u * (math.log(high) - math.log(low)))), low), high))
-        return int(min(low + int(u * (high - low + 1)), high))
-    if parameter.log:
-        return math.exp(math.log(low) + u * (math.log(high) - math.log(low)))
-    return low + u * (high - low)
-
-
-def to_unit(parameter, value):
-    """The middle of the places of the unit interval that `from_unit` takes for this value."""
-    if parameter.kind == "switch":
-        return 0.75 if value else 0.25
-    if parameter.kind == "choice":
-        return (parameter.values.index(value) + 0.5) / len(parameter.values)
-    low, high = parameter.low, parameter.high
-    if parameter.log:
-        return math.log(value / low) / math.log(high / low)
-    return (value - low + 0.5) / (high - low + 1) if parameter.kind == "integer" else (value - low) / (high - low)
 
 
 class Treewright(Method):
@@ -93,14 +33,16 @@ class Treewright(Method):
 
     search = "auto"
     recommends = "own model"
+    takes_constraints = True
 
-    def __init__(self, parameters, budget, seed):
-        super().__init__(parameters, budget, seed)
+    def __init__(self, parameters, constraints, budget, seed):
+        super().__init__(parameters, constraints, budget, seed)
         self.process = subprocess.Popen([str(ASK_TELL)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
         self.nanoseconds = 0
         study = {
             "display_name": "", "state_tolerance": 0.01, "seed": seed,
-            "space": {"parameters": [self._parameter(each) for each in parameters], "constraints": []},
+            "space": {"parameters": [self._parameter(each) for each in parameters],
+                      "constraints": [{"expression": each} for each in constraints]},
             "indicators": [],
             "objective": [{"metric": "cost", "weight": 1.0}],
             "policy": {"epsilon": 1.0, "search": self.search, "predictor": "nearest_neighbour",
@@ -179,21 +121,28 @@ class TreewrightBestMeasured(Treewright):
 
 
 class Random(Method):
-    def __init__(self, parameters, budget, seed):
-        super().__init__(parameters, budget, seed)
+    """Points among those that constraints allow."""
+
+    takes_constraints = True
+
+    def __init__(self, parameters, constraints, budget, seed):
+        super().__init__(parameters, constraints, budget, seed)
         self.random = numpy.random.default_rng([1, seed])
 
     def propose(self):
-        return {each.name: from_unit(each, self.random.random()) for each in self.parameters}
+        while True:
+            configuration = {each.name: from_unit(each, self.random.random()) for each in self.parameters}
+            if not broken(self.constraints, configuration):
+                return configuration
 
 
 class ScipySobol(Method):
     """The points of a scrambled Sobol sequence."""
 
-    def __init__(self, parameters, budget, seed):
+    def __init__(self, parameters, constraints, budget, seed):
         from scipy.stats import qmc
 
-        super().__init__(parameters, budget, seed)
+        super().__init__(parameters, constraints, budget, seed)
         sequence = qmc.Sobol(len(parameters), seed=seed)
         self.points = iter(sequence.random_base2(math.ceil(math.log2(budget))))
 
@@ -201,54 +150,29 @@ class ScipySobol(Method):
         return {each.name: from_unit(each, u) for each, u in zip(self.parameters, next(self.points))}
 
 
-class ScipyNelderMead(Method):
-    """The default and a Latin hypercube, together a quarter of the budget, then scipy's Nelder-Mead from its best point, in a thread."""
+class ScipyNelderMead(Driver):
+    """The default and a Latin hypercube, together a quarter of the budget, then scipy's Nelder-Mead from its best point."""
 
     method = "Nelder-Mead"
     options = {"initial_simplex": None, "xatol": 1e-9, "fatol": 0.0, "maxfev": 10_000}
 
-    def __init__(self, parameters, budget, seed):
-        import queue
-        import threading
-
-        super().__init__(parameters, budget, seed)
-        self.asked, self.answers = queue.Queue(), queue.Queue()
-        threading.Thread(target=self._run, daemon=True).start()
-
     def _cost(self, x):
-        self.asked.put({each.name: from_unit(each, u) for each, u in zip(self.parameters, x)})
-        answer = self.answers.get()
-        if answer is StopIteration:
-            raise SystemExit
-        return answer
+        return self.penalty(self.measured({each.name: from_unit(each, u) for each, u in zip(self.parameters, x)}))
 
-    def _run(self):
+    def search(self):
         from scipy.optimize import minimize
         from scipy.stats import qmc
 
         dimension = len(self.parameters)
         design = qmc.LatinHypercube(dimension, seed=self.seed).random(max(self.budget // 4, 2))
         design[0] = [to_unit(each, each.default) for each in self.parameters]
-        try:
-            costs = [self._cost(x) for x in design]
-            start = design[int(numpy.argmin(costs))]
-            seed = self.seed
-            while True:
-                minimize(self._cost, start, method=self.method, bounds=[(0.0, 1.0)] * dimension, options=self.options)
-                seed += 1
-                start = numpy.random.default_rng(seed).random(dimension)
-        except SystemExit:
-            pass
-
-    def ask(self):
-        return self.asked.get()
-
-    def tell(self, configuration, cost):
-        super().tell(configuration, cost)
-        self.answers.put(self.penalty(cost))
-
-    def close(self):
-        self.answers.put(StopIteration)
+        costs = [self._cost(x) for x in design]
+        start = design[int(numpy.argmin(costs))]
+        seed = self.seed
+        while True:
+            minimize(self._cost, start, method=self.method, bounds=[(0.0, 1.0)] * dimension, options=self.options)
+            seed += 1
+            start = numpy.random.default_rng(seed).random(dimension)
 
 
 class ScipyPowell(ScipyNelderMead):
@@ -259,24 +183,44 @@ class ScipyPowell(ScipyNelderMead):
 
 
 class Optuna(Method):
-    """The tree-structured Parzen estimator; from version 5 on it is multivariate by default."""
+    """The tree-structured Parzen estimator; from version 5 on it is multivariate by default. Numbers of a choice are told as
+    places, so that it knows their order. What breaks a constraint costs no trial and is proposed anew. It is told by
+    `set_constraint` only where the sampler proposes nothing else: always told, it found less in 80 trials on `grid-told` and
+    `kernel-told`."""
+
+    takes_constraints = True
 
     def sampler(self):
         import optuna
 
         return optuna.samplers.TPESampler(seed=self.seed)
 
-    def __init__(self, parameters, budget, seed):
+    def __init__(self, parameters, constraints, budget, seed):
         import optuna
 
-        super().__init__(parameters, budget, seed)
+        super().__init__(parameters, constraints, budget, seed)
         optuna.logging.set_verbosity(optuna.logging.ERROR)
         warnings.simplefilter("ignore")
         self.study = optuna.create_study(sampler=self.sampler())
         on = active(parameters, self.default())
-        self.study.enqueue_trial({name: value for name, value in self.default().items() if name in on})
+        place = lambda each: each.values.index(each.default) if is_ordered(each) else each.default
+        self.study.enqueue_trial({each.name: place(each) for each in parameters if each.name in on})
 
     def ask(self):
+        import optuna
+
+        for refusals in range(REFUSALS_MAX):
+            configuration = self._suggested()
+            refused = broken(self.constraints, configuration)
+            if not refused:
+                return configuration
+            is_learnt = refusals >= REFUSALS_UNLEARNT
+            for each in refused if is_learnt else []:
+                self.trial.set_constraint(each, 1.0)
+            self.study.tell(self.trial, state=optuna.trial.TrialState.PRUNED if is_learnt else optuna.trial.TrialState.FAIL)
+        raise RuntimeError(f"{REFUSALS_MAX} configurations in succession break constraints")
+
+    def _suggested(self):
         self.trial = self.study.ask()
         configuration, on = self.default(), set()
         for each in self.parameters:
@@ -288,6 +232,8 @@ class Optuna(Method):
                 value = self.trial.suggest_float(each.name, each.low, each.high, log=each.log)
             elif each.kind == "integer":
                 value = self.trial.suggest_int(each.name, int(each.low), int(each.high), log=each.log)
+            elif is_ordered(each):
+                value = each.values[self.trial.suggest_int(each.name, 0, len(each.values) - 1)]
             elif each.kind == "choice":
                 value = self.trial.suggest_categorical(each.name, list(each.values))
             else:
@@ -334,18 +280,17 @@ class Nevergrad(Method):
     optimizer = "NGOpt"
     recommends = "own model"
 
-    def __init__(self, parameters, budget, seed):
+    def __init__(self, parameters, constraints, budget, seed):
         import nevergrad as ng
 
-        super().__init__(parameters, budget, seed)
+        super().__init__(parameters, constraints, budget, seed)
         warnings.simplefilter("ignore")
 
         def one(each):
             if each.kind == "switch":
                 return ng.p.Choice([False, True])
             if each.kind == "choice":
-                numeric = all(isinstance(value, (int, float)) for value in each.values)
-                return ng.p.TransitionChoice(list(each.values)) if numeric else ng.p.Choice(list(each.values))
+                return (ng.p.TransitionChoice if is_ordered(each) else ng.p.Choice)(list(each.values))
             if each.log:
                 scalar = ng.p.Log(lower=each.low, upper=each.high)
             else:
@@ -383,7 +328,7 @@ class Smac(Method):
 
     recommends = "mean of repeats"
 
-    def __init__(self, parameters, budget, seed):
+    def __init__(self, parameters, constraints, budget, seed):
         import logging
         import tempfile
 
@@ -391,7 +336,7 @@ class Smac(Method):
         from smac import HyperparameterOptimizationFacade as Facade
         from smac import Scenario
 
-        super().__init__(parameters, budget, seed)
+        super().__init__(parameters, constraints, budget, seed)
         logging.disable(logging.WARNING)
         warnings.simplefilter("ignore")
         space = ConfigurationSpace(seed=seed)
@@ -402,7 +347,7 @@ class Smac(Method):
             elif each.kind == "integer":
                 made[each.name] = Integer(each.name, (int(each.low), int(each.high)), log=each.log, default=each.default)
             elif each.kind == "choice":
-                made[each.name] = Categorical(each.name, list(each.values), default=each.default)
+                made[each.name] = Categorical(each.name, list(each.values), default=each.default, ordered=is_ordered(each))
             else:
                 made[each.name] = Categorical(each.name, [False, True], default=bool(each.default))
         space.add(list(made.values()))

@@ -1,17 +1,22 @@
 """Problems on which optimisers are compared: a space, a noisy cost, and the true cost behind it.
 
-A space is a list of `Parameter`. `Problem.measure(configuration, random)` is what an optimiser sees (None
-where the configuration cannot be run), `Problem.gap(configuration)` is what counts: the noise-free distance
-to the optimum, or the noise-free cost over the optimum's where that is the custom of the field.
+A space is a list of `Parameter`, and constraints that optimisers are told: expressions that Python and Treewright read
+alike. `Problem.measure(configuration, random)` is what an optimiser sees (None where the configuration cannot be run, told
+or not), `Problem.gap(configuration)` is what counts: the noise-free distance to the optimum, or the noise-free cost over
+the optimum's where that is the custom of the field.
 """
 
 import dataclasses
+import functools
+import itertools
 import json
 import math
 import pathlib
 import typing
 
 import numpy
+
+from kernels import KERNELS
 
 
 @dataclasses.dataclass(frozen=True)
@@ -36,15 +41,28 @@ def active(parameters, configuration):
     return on
 
 
+@functools.lru_cache
+def _compiled(constraint):
+    return compile(constraint, constraint, "eval")
+
+
+def broken(constraints, configuration):
+    """The constraints that a configuration does not fulfil."""
+    return [each for each in constraints if not eval(_compiled(each), {"__builtins__": {}}, configuration)]
+
+
 class Problem:
     name = ""
     parameters: list[Parameter] = []
+    constraints: tuple[str, ...] = ()
+    noise = 0.0
 
     def gap(self, configuration):
         raise NotImplementedError
 
     def measure(self, configuration, random):
-        raise NotImplementedError
+        cost = self.gap(configuration)
+        return None if math.isinf(cost) else cost * math.exp(self.noise * random.standard_normal())
 
 
 class Bbob(Problem):
@@ -63,9 +81,6 @@ class Bbob(Problem):
     def gap(self, configuration):
         x = numpy.array([configuration[parameter.name] for parameter in self.parameters])
         return max(float(self.inner(x)) - self.optimum, 1e-12)
-
-    def measure(self, configuration, random):
-        return self.gap(configuration) * math.exp(self.noise * random.standard_normal())
 
 
 class Floor(Bbob):
@@ -101,16 +116,18 @@ def _optimum(function, dimension, instance):
 
 
 class Grid(Problem):
-    """A kernel-tuning landscape: integer grids, most combinations invalid, strong interactions, 5 % noise."""
+    """A kernel-tuning landscape: integer grids, most combinations invalid, strong interactions, 5 % noise. Where it is told
+    what is valid, values are places, which make that a linear constraint."""
 
-    def __init__(self, seed, valid=0.3, noise=0.05):
+    def __init__(self, seed, is_told=False, valid=0.3, noise=0.05):
         random = numpy.random.default_rng([7, seed])
         self.noise = noise
         self.name = f"grid{seed}"
         self.levels = [int(random.integers(2, 9)) for _ in range(7)]
         self.parameters = [
-            Parameter(f"p{index}", "choice", values=tuple(2**step for step in range(levels)), default=1)
+            Parameter(f"p{index}", "choice", values=values, default=values[0])
             for index, levels in enumerate(self.levels)
+            for values in [tuple(step if is_told else 2**step for step in range(levels))]
         ]
         shape = tuple(self.levels)
         cost = numpy.zeros(shape)
@@ -123,12 +140,18 @@ class Grid(Problem):
             table = random.normal(0, 0.2, (shape[a], shape[b]))
             cost += table[axes[a], axes[b]]
         # Resources: a sum over some axes must stay below a bound, as shared memory or registers do.
-        need = numpy.zeros(shape)
+        need, terms = numpy.zeros(shape), []
         for index in random.choice(len(shape), 4, replace=False):
-            need += random.uniform(0.5, 1.5) * axes[index] / max(shape[index] - 1, 1)
+            weight = random.uniform(0.5, 1.5)
+            need += weight * axes[index] / max(shape[index] - 1, 1)
+            terms.append(f"{float(weight)!r} * p{index} / {max(shape[index] - 1, 1)}")
         self.cost = numpy.exp(cost)
         self.valid = need <= numpy.quantile(need, valid)
         self.valid[(0,) * len(shape)] = True
+        if is_told:
+            # Between the needs on both sides, so that rounding decides nothing.
+            bound = (need[self.valid].max() + need[~self.valid].min()) / 2
+            self.constraints = (f"{' + '.join(terms)} <= {float(bound)!r}",)
         self.best = float(self.cost[self.valid].min())
 
     def _place(self, configuration):
@@ -137,10 +160,6 @@ class Grid(Problem):
     def gap(self, configuration):
         place = self._place(configuration)
         return float(self.cost[place] / self.best) if self.valid[place] else math.inf
-
-    def measure(self, configuration, random):
-        cost = self.gap(configuration)
-        return None if math.isinf(cost) else cost * math.exp(self.noise * random.standard_normal())
 
 
 def configurations(parameters):
@@ -183,19 +202,16 @@ class Recorded(Problem):
     def gap(self, configuration):
         return self.true.get(self._key(configuration), math.inf) / self.best
 
-    def measure(self, configuration, random):
-        cost = self.gap(configuration)
-        return None if math.isinf(cost) else cost * math.exp(self.noise * random.standard_normal())
-
 
 class Kernel(Problem):
     """A compute kernel's recorded landscape, as Kernel Tuner writes it: every combination that can be run, all else cannot.
 
     The true cost is the mean time; what an optimiser sees is one of the recorded runs, drawn at random. The default is
-    the first combination that was recorded, and no good one.
+    the first combination that was recorded, and no good one. What the constraints allow may still fail.
     """
 
-    def __init__(self, path):
+    def __init__(self, path, constraints=()):
+        self.constraints = constraints
         data = json.loads(pathlib.Path(path).read_text())
         self.name = pathlib.Path(path).parent.name + "/" + data["kernel_name"]
         names = [name for name, values in data["tune_params"].items() if len(values) > 1]
@@ -219,6 +235,34 @@ class Kernel(Problem):
         return float(random.choice(runs)) if runs else None
 
 
+class MadeKernel(Problem):
+    """A kernel of `kernels.py` on a device that the seed draws, with 5 % noise. Its constraints are told. What runs out of
+    registers or memory fails, and nobody is told. The default is the first configuration that can be run, and no good one."""
+
+    noise = 0.05
+
+    def __init__(self, kernel, seed):
+        random = numpy.random.default_rng([17, KERNELS.index(kernel), seed])
+        self.name, self.constraints = kernel.name, kernel.constraints
+        names, device = list(kernel.values), random.uniform(size=4)
+        self.true = {}
+        for values in itertools.product(*kernel.values.values()):
+            configuration = dict(zip(names, values))
+            if not broken(self.constraints, configuration):
+                cost, rough = kernel.cost(device=device, **configuration), math.exp(0.04 * random.standard_normal())
+                self.true |= {values: cost * rough} if cost is not None else {}
+        self.parameters = [
+            Parameter(name, "choice", values=kernel.values[name], default=default)
+            for name, default in zip(names, next(iter(self.true)))
+        ]
+        self.best = min(self.true.values())
+
+    def gap(self, configuration):
+        return self.true.get(tuple(configuration[each.name] for each in self.parameters), math.inf) / self.best
+
+
+# As `mocktest_kernel_convolution.json` beside the recorded landscape has them.
+CONVOLUTION = ("block_size_x * block_size_y >= 64", "block_size_x * block_size_y <= 1024", "tile_size_x * tile_size_y < 30")
 # Looked at while the search was made, by this comparison or by `lab/examples/search_quality`.
 BBOB_FUNCTIONS = (1, 2, 3, 6, 8, 10, 12, 13, 15, 17, 20, 21)
 # Looked at by neither: no constant was chosen on them.
@@ -243,15 +287,20 @@ def suite(name, folder=None):
             for function in BBOB_FUNCTIONS
             for dimension in DIMENSIONS
         ]
-    if name == "grid":
-        return [lambda _, number=number: Grid(number) for number in range(8)]
-    if name == "grid-held-out":
-        return [lambda seed, number=number: Grid(GRIDS_HELD_OUT_FROM + 8 * seed + number) for number in range(8)]
-    if name == "kernel":
-        return [lambda _, path=path: Kernel(path) for path in sorted(pathlib.Path(folder).glob("mock_gpu.json"))]
+    if name in ("grid", "grid-told"):
+        return [lambda _, number=number: Grid(number, name == "grid-told") for number in range(8)]
+    if name in ("grid-held-out", "grid-told-held-out"):
+        is_told = name == "grid-told-held-out"
+        return [lambda seed, number=number: Grid(GRIDS_HELD_OUT_FROM + 8 * seed + number, is_told) for number in range(8)]
+    if name in ("kernel", "kernel-told"):
+        constraints = CONVOLUTION if name == "kernel-told" else ()
+        return [lambda _, path=path: Kernel(path, constraints) for path in sorted(pathlib.Path(folder).glob("mock_gpu.json"))]
+    if name == "made-kernels":
+        return [lambda seed, kernel=kernel: MadeKernel(kernel, seed) for kernel in KERNELS]
     if name == "recorded":
         return [lambda _, path=path: Recorded(path) for path in sorted(pathlib.Path(folder).glob("*.json"))]
     raise SystemExit(f"there is no suite {name}; there are {', '.join(SUITES)}")
 
 
-SUITES = ("bbob", "bbob-noiseless", "bbob-held-out", "floor-held-out", "grid", "grid-held-out", "kernel", "recorded")
+SUITES = ("bbob", "bbob-noiseless", "bbob-held-out", "floor-held-out", "grid", "grid-held-out", "grid-told", "grid-told-held-out",
+          "kernel", "kernel-told", "made-kernels", "recorded")

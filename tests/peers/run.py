@@ -29,7 +29,7 @@ def run(suite_name, folder, index, method, seed, budget):
     """One optimiser on one problem."""
     problem = suite(suite_name, folder)[index](seed)
     random = numpy.random.default_rng([11, index, seed])  # the noise: the same for every optimiser
-    optimiser = METHODS[method](problem.parameters, budget, seed)
+    optimiser = METHODS[method](problem.parameters, problem.constraints, budget, seed)
     quality, thinking_s = {}, 0.0
     for trial in range(1, budget + 1):
         begin = time.perf_counter()
@@ -64,10 +64,15 @@ def main():
     kept = [row for row in rows(options.out) if not (row["method"] in options.fresh and row["suite"] == options.suite)]
     options.out.write_text("".join(json.dumps(row) + "\n" for row in kept))
     done = {(row["suite"], row["index"], row["method"], row["seed"]) for row in kept}
-    problems = options.only if options.only is not None else range(len(suite(options.suite, options.folder)))
+    known = suite(options.suite, options.folder)
+    problems = options.only if options.only is not None else range(len(known))
+    examples = [known[index](0) for index in problems]
+    untold = {method for method in options.methods if not all(map(METHODS[method].takes, examples))}
+    if untold:
+        print(f"left out, since they cannot be told these spaces: {', '.join(sorted(untold))}", file=sys.stderr)
     jobs = [(options.suite, options.folder, index, method, seed, options.budget)
             for seed in range(options.seeds) for index in problems for method in options.methods
-            if (options.suite, index, method, seed) not in done]
+            if method not in untold and (options.suite, index, method, seed) not in done]
     begun, failures = time.time(), collections.Counter()
     with concurrent.futures.ProcessPoolExecutor(options.jobs) as pool, options.out.open("a") as out:
         futures = {pool.submit(run, *job): job for job in jobs}

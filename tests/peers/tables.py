@@ -26,7 +26,10 @@ LEAST_GAP = 1e-8
 # The same search taken another way: ranked in the place of the method named, and not counted when others are ranked.
 VARIANTS = {"treewright-best-measured": "treewright"}
 # Which page has the tables of a suite: `peers-NAME.md`.
-SUITES = {"floor-held-out": "lasting-noise", "bbob-held-out": "vanishing-noise", "grid-held-out": "grids"}
+SUITES = {"floor-held-out": "lasting-noise", "bbob-held-out": "vanishing-noise", "grid-held-out": "grids",
+          "grid-told-held-out": "grids", "made-kernels": "kernels"}
+# What stands above the tables of suites that tell constraints. Their runs may be missing.
+TITLES = {"grid-told-held-out": "The same grids, told what can be run.", "made-kernels": "Told the constraints."}
 
 
 def rows(path):
@@ -103,16 +106,18 @@ def made():
     about = json.loads((RESULTS / "README.json").read_text())
     pages = {}
     for suite, name in SUITES.items():
-        found = rows(RESULTS / f"{suite}.jsonl.xz")
+        found, page = rows(RESULTS / f"{suite}.jsonl.xz"), PAGES / f"peers-{name}.md"
+        if suite in TITLES and not found:
+            continue
         conditions = f"{about['machine']}, {about['date']}, version {about['version']}; {about['peers']}. {about['remark']}"
-        parts = [textwrap.fill(conditions, 110)]
+        parts = pages.setdefault(page, [textwrap.fill(conditions, 110)])
+        parts += [TITLES[suite]] if suite in TITLES else []
         earlier = set()
         for methods in about["tables"][suite]:
             # A table with a method that few cases could afford shows that method and ours.
             parts.append(table(found, suite, methods, set(methods) - earlier | {"treewright"}))
             earlier |= set(methods)
-        pages[PAGES / f"peers-{name}.md"] = filled(PAGES / f"peers-{name}.md", parts)
-    return pages
+    return {page: filled(page, parts) for page, parts in pages.items()}
 
 
 def filled(page, parts):
