@@ -47,12 +47,12 @@ gate: ## compare searches and answers with the recorded ones, on the same seeds 
 integrations: setup ## the SDKs for Python and Node with real packages from PyPI and npm (integrations/)
 	@tools/integrations.sh
 
-peers: ## compare the searches with Optuna, SMAC3, Nevergrad and scipy (tests/peers)
+peers: ## compare the searches with Optuna, SMAC3, Nevergrad, scipy and Kernel Tuner (tests/peers)
 	$(CARGO) build --release --locked -p treewright-lab --example ask_tell
 	@test -d target/peers/env || python3 -m venv target/peers/env
 	@target/peers/env/bin/pip install --quiet --requirement tests/peers/requirements.txt
 	@test -d target/peers/kernel || { mkdir -p target/peers/kernel && cd target/peers/kernel && \
 		../env/bin/pip download --quiet --no-deps --no-binary :all: autotuning-methodology==1.1.0 && \
 		tar xzf *.tar.gz --wildcards --strip-components=5 '*/mockfiles/mock_gpu.json'; }
-	@for suite in floor-held-out bbob-held-out grid-held-out bbob bbob-noiseless grid kernel; do \
+	@for suite in floor-held-out bbob-held-out grid-held-out grid-told-held-out made-kernels kernel-told bbob bbob-noiseless grid kernel; do \
 		target/peers/env/bin/python tests/peers/run.py --suite $$suite --folder target/peers/kernel --out target/peers/$$suite.jsonl || exit 1; done

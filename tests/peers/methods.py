@@ -19,6 +19,7 @@ import warnings
 import numpy
 
 from interface import Driver, Method, from_unit, is_ordered, to_unit
+from kernel_tuner_methods import AdaptiveTabuGreyWolf, GreedyIls, HybridVndx
 from problems import active, broken
 
 # Most proposals in succession that break constraints, and how many of them a sampler does not learn from.
@@ -408,6 +409,9 @@ METHODS = {
     "nevergrad-ngopt": Nevergrad,
     "nevergrad-cma": NevergradCma,
     "smac-forest": Smac,
+    "kernel-tuner-greywolf": AdaptiveTabuGreyWolf,
+    "kernel-tuner-vndx": HybridVndx,
+    "kernel-tuner-ils": GreedyIls,
 }
 
 __all__ = ["METHODS", "active"]
