@@ -29,6 +29,8 @@ pub(super) struct CurvePoint {
 /// A cost to compare with, as a line across the curve.
 pub(super) struct Level {
     pub(super) cost: f64,
+    /// The ends of the 95 % interval of an estimate, which is drawn as a band.
+    pub(super) ends: Option<[f64; 2]>,
     pub(super) kind: Kind,
 }
 
@@ -50,7 +52,9 @@ pub(super) fn figure(value: f64) -> String {
 
 /// The axis of shown values and of levels beside them, in the study's view of costs.
 fn values(view: &CostView, costs: impl Iterator<Item = f64>, levels: &[Level]) -> figures::Axis {
-    let (shown, others) = (costs.map(|cost| view.value(cost)), levels.iter().map(|one| view.value(one.cost)));
+    let shown = costs.map(|cost| view.value(cost));
+    let others = levels.iter().flat_map(|one| one.ends.into_iter().flatten().chain([one.cost]));
+    let others = others.map(|cost| view.value(cost));
     match view.is_maximised() {
         // Bad values lie near 0 and do not flatten the others.
         true => figures::Axis::linear(&view.title(), shown.chain(others)),
@@ -97,7 +101,10 @@ pub(super) fn curve(points: &[CurvePoint], levels: &[Level], view: &CostView) ->
             None => figure.cross(*number, Colour::Vermilion, "without a usable cost"),
         }
     }
-    for Level { cost, kind: (colour, name) } in levels {
+    for Level { cost, ends, kind: (colour, name) } in levels {
+        if let Some([one, other]) = ends.map(|ends| ends.map(|end| view.value(end))) {
+            figure.band(&[first, last].map(|point| [point.number, one, other]), *colour);
+        }
         figure.level(view.value(*cost), Stroke::Dashed, *colour, name);
     }
     let mut best: Vec<[f64; 2]> = lowest(measured()).map(|(at, cost)| [at, view.value(cost)]).collect();
@@ -296,7 +303,7 @@ mod tests {
     fn what_is_maximised_is_drawn_by_its_value_and_the_best_is_on_top() {
         let point = |number: f64, cost| CurvePoint { number, cost: Some(cost), kind: KIND };
         let points = [point(1.0, 20.0), point(2.0, 40.0), point(3.0, 10.0)];
-        let level = Level { cost: 20.0, kind: (Colour::Purple, "default") };
+        let level = Level { cost: 20.0, ends: None, kind: (Colour::Purple, "default") };
         let svg = curve(&points, &[level], &rate());
         assert!(svg.contains("fps (higher is better)") && svg.contains(">100</text>"), "{svg}");
         let heights: Vec<f64> =
@@ -352,9 +359,13 @@ mod tests {
     fn a_curve_shows_the_best_so_far() {
         let point = |number: f64, cost| CurvePoint { number, cost, kind: KIND };
         let points = [point(1.0, Some(10.0)), point(2.0, None), point(3.0, Some(4.0)), point(4.0, Some(6.0))];
-        let level = |cost, name| Level { cost, kind: (Colour::Green, name) };
-        let svg = curve(&points, &[level(10.0, "default"), level(3.0, "roofline")], &CostView::default());
-        assert!(svg.contains(">roofline<"));
+        let level = |cost, name| Level { cost, ends: None, kind: (Colour::Green, name) };
+        let answer = Level { ends: Some([4.0, 20.0]), ..level(8.0, "answer") };
+        let levels = [level(10.0, "default"), level(3.0, "roofline"), answer];
+        let svg = curve(&points, &levels, &CostView::default());
+        assert!(svg.contains(">roofline<") && svg.contains(">answer<"));
+        assert_eq!(svg.matches("<polygon").count(), 1, "the interval of the one that is an estimate");
+        assert!(svg.contains(">20</text>"), "the axis holds the band: {svg}");
         assert_eq!(svg.matches("<circle").count(), 4, "three trials, and the legend");
         assert_eq!(svg.matches("<title>without a usable cost</title>").count(), 1);
         assert_eq!(svg.matches("<title>best so far</title>").count(), 1);

@@ -1,6 +1,7 @@
 //! Maps of states and races of studies.
 
 use treewright_core::cost_view::CostView;
+use treewright_core::standing::Gain;
 use treewright_figures::{self as figures, Colour, Dot, Figure, Stroke};
 
 use super::{Axis, WIDTH, figure, lowest, nothing, rank};
@@ -64,11 +65,14 @@ pub(in super::super) struct Runner {
     pub(in super::super) name: String,
     /// Cost over its default's, in the order of the trials.
     pub(in super::super) ratios: Vec<f64>,
+    /// The mean gain of its answers by all measurements.
+    pub(in super::super) answer: Option<Gain>,
     /// Its view of costs.
     pub(in super::super) view: CostView,
 }
 
-/// The fall of the best cost so far in several studies, each relative to its own default, which is 1.
+/// The fall of the best cost so far in several studies, each relative to its own default, which is 1. That
+/// line follows luck, so a dot with its interval tells where the answers are.
 pub(in super::super) fn race(runners: &[Runner]) -> String {
     let best: Vec<Vec<[f64; 2]>> = runners
         .iter()
@@ -84,13 +88,30 @@ pub(in super::super) fn race(runners: &[Runner]) -> String {
     }
     let longest = best.iter().map(Vec::len).max().unwrap_or(1);
     let x = figures::Axis::counts("measured trials", 1.0, longest as f64);
+    // A line that begins above the default is cut there.
     let low = ratios().fold(1.0, f64::min);
-    let y = figures::Axis::linear("best so far, default = 1", [low, 1.0]);
+    let answers = runners.iter().filter_map(|runner| runner.answer);
+    let answers = answers.flat_map(|gain| [Some(gain.share), gain.low, gain.high].into_iter().flatten());
+    let y = figures::Axis::linear("cost, default = 1", answers.map(|share| 1.0 - share).chain([low, 1.0]));
     let mut figure = Figure::new("Best so far over the default, by study", [WIDTH, 326.0], x, y);
     figure.level(1.0, Stroke::Dashed, Colour::Grey, "default");
     for (index, (runner, line)) in runners.iter().zip(&best).enumerate() {
         let reached = line.last().map(|[_, ratio]| reached(*ratio, &runner.view)).unwrap_or_default();
         figure.steps(line, Colour::of(index), &format!("{}: {reached}", runner.name));
+        // Those of studies of one length stand side by side.
+        let at = (line.len() as f64 - 0.012 * (index * longest) as f64).max(1.0);
+        if let Some(gain) = runner.answer {
+            if let (Some(low), Some(high)) = (gain.low, gain.high) {
+                figure.interval([at, 1.0 - high], [at, 1.0 - low], Colour::of(index));
+            }
+            let words = format!("{}, answers by all measurements: {}", runner.name, gain.by(&runner.view));
+            figure.dot([at, 1.0 - gain.share], Dot::Large, Colour::of(index), &words);
+            figure.dot_key(
+                Dot::Large,
+                Colour::Ink,
+                "answers by all measurements, mean with its 95 % interval",
+            );
+        }
     }
     figure.finish()
 }
@@ -134,14 +155,20 @@ mod tests {
         let runner = |name: &str, ratios: &[f64], view: &CostView| Runner {
             name: name.into(),
             ratios: ratios.to_vec(),
+            answer: None,
             view: view.clone(),
         };
         let times = CostView::default();
         let svg = race(&[runner("a", &[1.0, 0.5, 0.7], &times), runner("<b>", &[], &times)]);
         assert!(svg.contains("a: 0.500") && !svg.contains("<b>") && !svg.contains("NaN"), "{svg}");
+        assert!(!svg.contains("<circle"), "no answer is known: {svg}");
         let rate = super::super::tests::rate();
-        let svg = race(&[runner("a", &[1.0, 0.5, 0.7], &rate)]);
+        let gain = Gain { share: 0.2, low: Some(-1.0), high: Some(0.5), probability_better: None };
+        let answered = Runner { answer: Some(gain), ..runner("a", &[1.0, 0.5, 0.7], &rate) };
+        let svg = race(&[answered]);
         assert!(svg.contains("a: 0.500 (fps 2 times the default’s)"), "{svg}");
+        assert!(svg.contains("a, answers by all measurements: 25.0 % [-50.0, 100.0]"), "{svg}");
+        assert!(svg.contains(">2.0</text>") && !svg.contains("beyond the axis"), "{svg}");
         assert!(race(&[]).contains("Nothing"));
     }
 }

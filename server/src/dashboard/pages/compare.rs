@@ -62,8 +62,8 @@ pub(in super::super) async fn compare(visitor: &Visitor<'_>, query: &Query) -> R
             states.extend(read_state(visitor, id, number).await?);
         }
         rows.push(row(visitor, &head, &study, &states, &latest));
-        let ratios = ratios(&states, &latest);
-        runners.push(Runner { name: id.to_owned(), ratios, view: head.view.clone() });
+        let (ratios, answer) = (ratios(&states, &latest), mean_gain(&gains(&states)));
+        runners.push(Runner { name: id.to_owned(), ratios, answer, view: head.view.clone() });
         spaces.push(names(&study));
     }
     assert_eq!((rows.len(), runners.len(), spaces.len()), (ids.len(), ids.len(), ids.len()));
@@ -90,7 +90,7 @@ fn row(
             |one: &&StateStands| one.standing.is_some_and(|standing| verdicts.contains(&standing.verdict()));
         states.iter().filter(stands).count()
     };
-    let gains: Vec<Gain> = states.iter().filter_map(|one| one.standing?.gain).collect();
+    let gains = gains(states);
     let (low, high) = gains.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), gain| {
         (low.min(gain.share), high.max(gain.share))
     });
@@ -118,6 +118,11 @@ fn row(
         saved: if saved.is_empty() { String::new() } else { saved.words() },
         shared: String::new(),
     }
+}
+
+/// The gains of the answers over the defaults of their states.
+fn gains(states: &[StateStands]) -> Vec<Gain> {
+    states.iter().filter_map(|one| one.standing?.gain).collect()
 }
 
 /// The costs of the trials over the default of their own state, oldest first.

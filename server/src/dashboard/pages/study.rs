@@ -184,15 +184,22 @@ fn fixed(states: &[StateStands], latest: &[v1::Trial], beside: &Defaults) -> Opt
     benefit::best_fixed(&runs, &defaults)
 }
 
-/// The levels beside the curve of a state: its default, the best fixed configuration, and the search's
-/// expectation.
+/// The levels beside the curve of a state: its default, the best fixed configuration, the search's
+/// expectation, and what the answer costs by all measurements, with its interval.
 async fn levels(visitor: &Visitor<'_>, id: &str, chosen: &StateStands, fixed: Option<&Fixed>) -> Vec<Level> {
     let fixed = fixed.and_then(|fixed| fixed.by_state.get(&chosen.state).copied());
-    let level = |cost: Option<f64>, name, colour| cost.map(|cost| Level { cost, kind: (colour, name) });
+    let level =
+        |cost: Option<f64>, name, colour| cost.map(|cost| Level { cost, ends: None, kind: (colour, name) });
+    let answer = chosen.standing.map(|standing| Level {
+        cost: standing.cost,
+        ends: Some([standing.cost_low, standing.cost_high]),
+        kind: (Colour::Sky, "answer by all measurements, with its 95 % interval"),
+    });
     [
         level(chosen.best.as_ref().and_then(|best| best.default_cost), "default", Colour::Purple),
         level(fixed, "best fixed", Colour::Green),
         level(roofline(visitor, id, chosen).await, "roofline", Colour::Vermilion),
+        answer,
     ]
     .into_iter()
     .flatten()
