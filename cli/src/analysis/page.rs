@@ -8,7 +8,7 @@ use treewright_figures::{Axis, Colour, Figure, escaped};
 use super::dependence::Correlation;
 use super::map::{Cell, Map};
 use super::narrow::{Narrowed, Spread};
-use super::table::rounded;
+use super::table::{quantile, rounded, sorted};
 use super::{Analysis, CONFIGURATIONS_PER_PARAMETER, Condition, Influence, Metric, titled};
 
 const STYLE: &str = "\
@@ -199,11 +199,12 @@ fn narrowed(page: &mut String, narrowed: &Narrowed) {
     *page += "</table></div>\n";
 }
 
-/// A map as coloured cells, from the best to the worst of its values.
+/// A map as coloured cells, from the best of its values to the worst. The worst tenth share a colour, so that
+/// a single bad cell does not make all others alike.
 fn drawn(map: &Map) -> String {
-    let values = || map.cells.iter().map(|cell| cell.relative);
-    let (low, high) = (values().fold(f64::INFINITY, f64::min), values().fold(f64::NEG_INFINITY, f64::max));
-    let (best, worst) = if map.higher_is_better { (high, low) } else { (low, high) };
+    let values = sorted(map.cells.iter().map(|cell| cell.relative));
+    let [best, worst] = if map.higher_is_better { [1.0, 0.1] } else { [0.0, 0.9] };
+    let [best, worst] = [best, worst].map(|share| quantile(&values, share));
     let axis = |which: usize| {
         let edges = &map.edges[which];
         let cells = edges.len() - 1;
@@ -213,10 +214,10 @@ fn drawn(map: &Map) -> String {
     let mut figure = Figure::new("Map", [340.0, 270.0], axis(0), axis(1));
     for Cell { at, trials, relative } in &map.cells {
         let [x, y] = at.map(|index| [index as f64, index as f64 + 1.0]);
-        let share = if high > low { (relative - best) / (worst - best) } else { 0.5 };
+        let share = if best == worst { 0.5 } else { (relative - best) / (worst - best) };
         figure.cell(x, y, 1.0, Colour::Scale(share), &format!("{trials} trials: {relative:.3}"));
     }
-    figure.scale_key(&format!("{best:.2}"), &format!("{worst:.2}"));
+    figure.scale_key(&format!("{best:.2}"), &format!("{worst:.2} and worse"));
     let title = escaped(&titled(&map.metric, map.higher_is_better));
     format!("<div class=\"card\"><h3>{title}</h3>{}</div>", figure.finish())
 }
