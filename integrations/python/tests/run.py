@@ -502,13 +502,19 @@ def tables_and_figures(client, study) -> None:
         import matplotlib
 
         matplotlib.use("agg")
-        everything, line, lowered = plot.best_so_far(study).lines
+        figure = plot.best_so_far(study)
+        assert len(figure.patches) == 1, "the answer's interval"
+        everything, line, lowered = figure.lines
         assert len(everything.get_xdata()) == len(study.trials("outcome = OK")) and lowered.get_ydata()[-1] == line.get_ydata()[-1]
         assert sorted(line.get_ydata(), reverse=True) == list(line.get_ydata())
         assert set(plot.slice(study, "leaf").lines[0].get_xdata()) == {each["configuration"]["leaf"] for each in study.trials("outcome = OK")}
         ranked = [{"parameter": name, "first_order": share} for name, share in (("leaf", 0.9), ("none", None), ("warps", 0.2))]
         analysis = {"study": "s", "conditions": [{"metrics": [{"name": "ms", "parameters": ranked}]}]}
         assert [bar.get_width() for bar in plot.importances(analysis).patches] == [0.2, 0.9]
+        figure = plot._axes(None)
+        plot._robust(figure, range(50), [*range(49), 1e6])
+        (marked,) = figure.collections
+        assert figure.get_ylim()[1] < 60 and marked.get_offsets().tolist() == [[49, figure.get_ylim()[1]]], figure.get_ylim()
 
 
 def episodes(client) -> None:

@@ -7,9 +7,9 @@
 
 import json
 import math
-from typing import Any, Mapping, Optional, Union
+from typing import Any, Iterable, Mapping, Optional, Sequence, Union
 
-from ._native import Study
+from ._native import Study, TreewrightError
 from .front import ParetoFront
 from .optional import needed
 
@@ -30,9 +30,33 @@ def _by_state(study: Study) -> "dict[int, list[dict[str, Any]]]":
     return states
 
 
+def _robust(ax: Any, places: Sequence[Any], values: "Sequence[float]", others: "Iterable[float]" = ()) -> None:
+    """Ends the axis above all values but the largest one in 25, and above the others, so that a few bad ones do not flatten the rest.
+    They are marked at its edge."""
+    shown = [*sorted(values)[: len(values) - len(values) // 25], *others]
+    low, high = min(shown), max(shown)
+    room = 0.05 * (high - low) or 0.05 * abs(high) or 1.0
+    beyond = [place for place, value in zip(places, values) if value > high + room]
+    if beyond:
+        ax.set_ylim(low - room, high + room)
+        ax.scatter(beyond, [high + room] * len(beyond), marker="^", color="0.3", clip_on=False, label="beyond the axis")
+
+
+def _answer(study: Study, trials: "list[dict[str, Any]]") -> "Optional[tuple[float, float]]":
+    """What the answer in the state of these trials costs by all measurements: the ends of its 95 % interval."""
+    try:
+        best = study.best(trials[-1]["indicators"])
+    except TreewrightError:
+        return None
+    # The same input on another machine is another state.
+    is_here = int(best.trial.rpartition("/")[2]) in {trial["number"] for trial in trials}
+    return best.value_interval if is_here else None
+
+
 def best_so_far(study: Study, *, state: Optional[int] = None, ax: Any = None) -> Any:
     """The cost of each trial, the least so far as a line, and the trials that lowered it as larger points. Of a study that maximises
-    one metric and nothing else it is that metric, and the line is the highest so far.
+    one metric and nothing else it is that metric, and the line is the highest so far. The line follows luck; the band is the 95 %
+    interval of what the answer costs by all measurements, as ``Study.best`` tells it.
 
     ``state`` is the number of the state, ``state_id`` of its trials; by default the one with most trials."""
     states, ax = _by_state(study), _axes(ax)
@@ -51,6 +75,11 @@ def best_so_far(study: Study, *, state: Optional[int] = None, ax: Any = None) ->
     title = study.name if len(states) < 2 else f"{study.name}, state {state}"
     ax.set(xlabel="trial", ylabel=_unit(study), title=title)
     if trials:
+        answer = _answer(study, trials)
+        if answer is not None:
+            ax.axhspan(*answer, color="C0", alpha=0.2, label="answer by all measurements, 95 %")
+        if study.value_title == "cost":
+            _robust(ax, numbers, values, answer or ())
         ax.legend()
     return ax
 
@@ -69,7 +98,10 @@ def slice(study: Study, parameter: str, *, ax: Any = None) -> Any:
     ax = _axes(ax)
     # Words, and what else has no order, side by side.
     ordered = all(isinstance(value, (int, float)) and not isinstance(value, bool) for value in values)
-    ax.plot(values if ordered else [str(value) for value in values], costs, ".")
+    places = values if ordered else [str(value) for value in values]
+    ax.plot(places, costs, ".")
+    if study.value_title == "cost":
+        _robust(ax, places, costs)
     ax.set(xlabel=parameter, ylabel=f"{study.value_title}, best of the state = 1", title=study.name)
     return ax
 
