@@ -2,15 +2,17 @@
 """Makes what is handed out: target/dist-VERSION/treewright-VERSION-x86_64-linux.tar.gz and its SHA-256.
 
 The archive holds the four programs without symbols, their manual pages and completions, the Embree that the
-renderer was built with, the documentation and the licences, and runs from whatever folder it is unpacked in.
-The same commit gives the same bytes: paths of this machine are mapped away, and times are those of the
-commit. `--pack-only` packs programs that were built before. `--links` only checks the links of the
-documentation.
+renderer was built with, the SDKs for C, C++ and Node, the documentation and the licences, and runs from
+whatever folder it is unpacked in. The same commit gives the same bytes: paths of this machine are mapped
+away, and times are those of the commit. The wheel for Python is laid beside it; pip fetches what makes it.
+`--pack-only` packs what was built before. `--links` only checks that all documents and sources are there,
+and the links of the documentation.
 """
 
 import gzip
 import hashlib
 import io
+import json
 import os
 import pathlib
 import posixpath
@@ -23,10 +25,17 @@ import tomllib
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent
 PROGRAMS = ["treewrightd", "treewright", "treewright-render", "treewright-lab"]
-PACKAGES = ["treewright-server", "treewright-cli", "treewright-render-cli", "treewright-lab"]
+PACKAGES = [
+    "treewright-server", "treewright-cli", "treewright-render-cli", "treewright-lab", "treewright-c", "treewright-python",
+]
 # Of the repository; links in pages that lead out of the archive are replaced.
-FILES = ["README.md", "CHANGELOG.md", "LICENSE", "client/examples/integrate.rs"]
-FOLDERS = ["docs", "server/deploy", "proto/treewright"]
+C = "integrations/c"
+NODE = "integrations/javascript"
+FILES = [
+    "README.md", "CHANGELOG.md", "LICENSE", "client/examples/integrate.rs", f"{NODE}/README.md", f"{C}/README.md", f"{C}/install.sh",
+    f"{C}/treewright.pc.in", f"{C}/treewright-config.cmake", f"{C}/treewright-config-version.cmake",
+]
+FOLDERS = ["docs", "server/deploy", "proto/treewright", f"{C}/include", f"{C}/examples"]
 # Below share/, where each shell looks for what completes the commands of a program.
 COMPLETIONS = {
     "bash": "bash-completion/completions/{}",
@@ -63,7 +72,7 @@ def build(when):
         "SOURCE_DATE_EPOCH": str(when),
         "CARGO_INCREMENTAL": "0",
     }
-    command = ["cargo", "build", "--profile", "dist", "--locked", "--bins"]
+    command = ["cargo", "build", "--profile", "dist", "--locked", "--bins", "--lib"]
     for package in PACKAGES:
         command += ["-p", package]
     if subprocess.run(command, cwd=ROOT, env=environment).returncode != 0:
@@ -99,15 +108,39 @@ def share():
     return folder
 
 
+def files_below(folder):
+    return sorted(file for file in folder.rglob("*") if file.is_file())
+
+
 def documents():
     """Names in the archive with the files of the repository that they are."""
     yield "START.md", ROOT / "tools" / "install-archive.md"
     for name in FILES:
         yield name, ROOT / name
     for folder in FOLDERS:
-        for file in sorted((ROOT / folder).rglob("*")):
-            if file.is_file():
-                yield str(file.relative_to(ROOT)), file
+        for file in files_below(ROOT / folder):
+            yield str(file.relative_to(ROOT)), file
+
+
+def node_package(when):
+    """What `npm pack` makes of the SDK for Node: its name, and its bytes."""
+    here = ROOT / NODE
+    package = json.loads((here / "package.json").read_text())
+    # The contract lies elsewhere in the repository.
+    folders = [(here, here / name) for name in package["files"] if name != "proto"]
+    folders.append((ROOT, ROOT / "proto" / "treewright"))
+    files = [(f"package/{file.relative_to(top)}", file) for top, folder in folders for file in files_below(folder)]
+    files += [(f"package/{name}", here / name) for name in ("package.json", "README.md")]
+    files.append(("package/LICENSE", ROOT / "LICENSE"))
+    return f"treewright-{package['version']}.tgz", tarred([(name, file.read_bytes()) for name, file in files], when)
+
+
+def wheel(folder, when):
+    """Lays the wheel for Python into a folder; says why where it cannot be made."""
+    environment = {**os.environ, "TREEWRIGHT_BUILT": "target/dist", "SOURCE_DATE_EPOCH": str(when or 315532800)}
+    command = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--wheel-dir", folder, ROOT / "integrations" / "python"]
+    if subprocess.run(command, env=environment).returncode != 0:
+        print("dist: the wheel for Python could not be made; the archive does not need it", file=sys.stderr)
 
 
 def linked():
@@ -135,6 +168,8 @@ def contents():
     """Names in the archive with files of this machine."""
     for program in PROGRAMS:
         yield f"bin/{program}", ROOT / "target" / "dist" / program
+    # Where its `install.sh` looks.
+    yield f"{C}/lib/libtreewright.so", ROOT / "target" / "dist" / "libtreewright.so"
     embree = ROOT / "target" / "native" / "embree"
     library = (embree / "lib" / "libembree4.so").resolve()
     # Beside it lies the TBB that it was built with.
@@ -143,34 +178,41 @@ def contents():
     for licence in sorted(embree.glob("*LICENSE*")):
         yield f"lib/embree-{licence.name}", licence
     folder = share()
-    for file in folder.rglob("*"):
-        if file.is_file():
-            yield f"share/{file.relative_to(folder)}", file
+    for file in files_below(folder):
+        yield f"share/{file.relative_to(folder)}", file
     yield from documents()
 
 
-def pack(name, when):
-    pages = linked()
+def tarred(files, when):
+    """A compressed archive of names with their content."""
     archive = io.BytesIO()
     with gzip.GzipFile(fileobj=archive, mode="wb", mtime=when, compresslevel=9) as zipped:
         with tarfile.open(fileobj=zipped, mode="w", format=tarfile.USTAR_FORMAT) as tar:
-            for inside, file in sorted(contents()):
-                if not file.exists():
-                    sys.exit(f"dist: {file} is missing")
-                content = pages.get(inside) or file.read_bytes()
-                entry = tarfile.TarInfo(f"{name}/{inside}")
+            for name, content in sorted(files):
+                entry = tarfile.TarInfo(name)
                 entry.size = len(content)
                 entry.mtime = when
-                entry.mode = 0o755 if inside.startswith("bin/") else 0o644
+                entry.mode = 0o755 if "/bin/" in name or name.endswith(".sh") else 0o644
                 tar.addfile(entry, io.BytesIO(content))
     return archive.getvalue()
 
 
+def pack(name, when):
+    pages, files = linked(), []
+    for inside, file in contents():
+        if not file.exists():
+            sys.exit(f"dist: {file} is missing")
+        files.append((f"{name}/{inside}", pages.get(inside) or file.read_bytes()))
+    node, content = node_package(when)
+    return tarred([*files, (f"{name}/{NODE}/{node}", content)], when)
+
+
 def main():
+    when = commit_time()
     if "--links" in sys.argv[1:]:
         linked()
+        node_package(when)
         return
-    when = commit_time()
     if "--pack-only" not in sys.argv[1:]:
         subprocess.run([sys.executable, ROOT / "tools" / "setup.py"], check=True)
         build(when)
@@ -181,6 +223,7 @@ def main():
     archive.write_bytes(pack(name, when))
     digest = hashlib.sha256(archive.read_bytes()).hexdigest()
     (folder / f"{name}.tar.gz.sha256").write_text(f"{digest}  {archive.name}\n")
+    wheel(folder, when)
     print(f"{archive.relative_to(ROOT)}: {archive.stat().st_size / 1e6:.1f} MB, SHA-256 {digest}")
 
 

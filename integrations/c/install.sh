@@ -1,10 +1,11 @@
 #!/usr/bin/env bash
 # Installs libtreewright with its headers, pkg-config file and CMake package: `install.sh PREFIX [FOLDER OF THE BUILT LIBRARIES]`.
-# Without a folder the libraries are built first, optimised.
+# Without a folder they are those of the release archive that it lies in, or else are built first, optimised.
 set -euo pipefail
 here=$(cd "$(dirname "$0")" && pwd)
 prefix=${1:?usage: install.sh PREFIX [FOLDER]}
 built=${2:-}
+[ -n "$built" ] || [ ! -f "$here/lib/libtreewright.so" ] || built=$here/lib
 if [ -z "$built" ]; then
     (cd "$here/../.." && cargo build --release --locked --quiet -p treewright-c)
     built=${CARGO_TARGET_DIR:-$here/../../target}/release
