@@ -5,15 +5,18 @@ use std::collections::BTreeSet;
 use std::process::Command;
 
 use serde_json::Value;
-use treewright_tests::programs::workspace;
+use treewright_tests::programs::{program, workspace};
+use treewright_tests::sandbox::skip;
+
+fn command(arguments: &[&str]) -> Command {
+    let mut cargo = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
+    cargo.current_dir(workspace()).args(arguments);
+    cargo
+}
 
 /// What cargo prints in the workspace.
 pub(crate) fn cargo(arguments: &[&str]) -> String {
-    let output = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()))
-        .current_dir(workspace())
-        .args(arguments)
-        .output()
-        .expect("cargo runs");
+    let output = command(arguments).output().expect("cargo runs");
     assert!(output.status.success(), "{arguments:?}: {}", String::from_utf8_lossy(&output.stderr));
     String::from_utf8(output.stdout).expect("text")
 }
@@ -104,6 +107,7 @@ fn the_debian_package_finds_what_it_names() {
     let all = packages();
     let server = all.iter().find(|package| package["name"] == "treewright-server").expect("the server");
     let deb = &server["metadata"]["deb"];
+    assert!(deb["copyright"].is_string(), "cargo-deb makes no package without a copyright or authors");
     for asset in deb["assets"].as_array().expect("assets") {
         let source = asset[0].as_str().expect("a path");
         // Built files are not there before; patterns name a folder.
@@ -114,6 +118,37 @@ fn the_debian_package_finds_what_it_names() {
     }
     for unit in ["treewrightd.service", "treewrightd.socket"] {
         assert!(workspace().join("server/deploy").join(unit).exists(), "{unit}");
+    }
+}
+
+/// As `make deb` makes it, of the programs that are tested.
+#[test]
+fn the_debian_package_can_be_made() {
+    let works = |command: &mut Command| command.output().is_ok_and(|output| output.status.success());
+    if !works(&mut command(&["deb", "--version"])) || !works(Command::new("dpkg-deb").arg("--version")) {
+        return skip("the Debian package", "cargo-deb or dpkg-deb is not installed");
+    }
+    let folder = tempfile::tempdir().expect("a folder");
+    let built = folder.path().join("release");
+    std::fs::create_dir(&built).expect("a folder");
+    for name in ["treewrightd", "treewright"] {
+        std::fs::copy(program(name), built.join(name)).expect("a copy");
+    }
+    let file = folder.path().join("treewright.deb");
+    let options = ["deb", "-p", "treewright-server", "--no-build", "--no-strip", "--fast", "--output"];
+    let made = command(&options).arg(&file).env("CARGO_TARGET_DIR", folder.path()).output();
+    let made = made.expect("cargo runs");
+    assert!(made.status.success(), "{}", String::from_utf8_lossy(&made.stderr));
+    let listed = Command::new("dpkg-deb").arg("--contents").arg(&file).output().expect("it runs");
+    let listed = String::from_utf8_lossy(&listed.stdout);
+    for name in [
+        "/usr/bin/treewrightd",
+        "/usr/bin/treewright\n",
+        "/usr/share/doc/treewright/exec.md",
+        "systemd/system/treewrightd.service",
+        "systemd/system/treewrightd.socket",
+    ] {
+        assert!(listed.contains(name), "{name} is not in\n{listed}");
     }
 }
 
