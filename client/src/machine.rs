@@ -11,13 +11,15 @@ pub fn detect_fingerprint() -> Fingerprint {
     Fingerprint { cpu_model: cpu_model(&cpu_info), isa: isa().to_owned(), threads, ..Fingerprint::default() }
 }
 
-/// The first `model name` (x86) of Linux's list of processors.
+/// The first `model name` (x86) of Linux's list of processors, or what ARM has there: the numbers of maker and
+/// core.
 fn cpu_model(cpu_info: &str) -> String {
-    cpu_info
-        .lines()
-        .filter_map(|line| line.split_once(':'))
-        .find(|(key, _)| matches!(key.trim(), "model name" | "Model"))
-        .map_or_else(String::new, |(_, value)| value.trim().to_owned())
+    let said = |wanted: [&str; 2]| {
+        let mut pairs = cpu_info.lines().filter_map(|line| line.split_once(':'));
+        pairs.find(|(key, _)| wanted.contains(&key.trim())).map(|(_, value)| value.trim())
+    };
+    let arm = || Some(format!("{} {}", said(["CPU implementer"; 2])?, said(["CPU part"; 2])?));
+    said(["model name", "Model"]).map(str::to_owned).or_else(arm).unwrap_or_default()
 }
 
 #[cfg(target_arch = "x86_64")]
@@ -51,6 +53,8 @@ mod tests {
     fn the_model_is_found_in_the_list() {
         let list = "processor\t: 0\nvendor_id\t: X\nmodel name\t: Fast One @ 3 GHz\nflags\t: avx2\n\nprocessor\t: 1\nmodel name\t: Other\n";
         assert_eq!(cpu_model(list), "Fast One @ 3 GHz");
+        let arm = "processor\t: 0\nCPU implementer\t: 0x41\nCPU architecture: 8\nCPU part\t: 0xd40\nprocessor\t: 1\n";
+        assert_eq!(cpu_model(arm), "0x41 0xd40");
         assert_eq!(cpu_model(""), "");
         assert!(detect_fingerprint().threads >= 1);
     }

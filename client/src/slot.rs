@@ -2,8 +2,7 @@
 //! abstract namespace (`unix(7)`). The system frees it when the process ends, also after a crash, and it
 //! leaves no file behind. Containers that share a machine's network share these names as well.
 
-use std::os::linux::net::SocketAddrExt as _;
-use std::os::unix::net::{SocketAddr, UnixDatagram};
+use std::os::unix::net::UnixDatagram;
 
 const NAME_BYTES: usize = 107;
 
@@ -19,9 +18,7 @@ pub(crate) enum Slot {
 impl Slot {
     /// Takes the name if it is free. Of a longer name only the first 107 bytes count.
     pub(crate) fn take(name: &str) -> Self {
-        let name = &name.as_bytes()[..name.len().min(NAME_BYTES)];
-        let bound = SocketAddr::from_abstract_name(name).and_then(|name| UnixDatagram::bind_addr(&name));
-        match bound {
+        match bound(&name.as_bytes()[..name.len().min(NAME_BYTES)]) {
             Ok(socket) => Self::Held(Some(socket)),
             Err(error) if error.kind() == std::io::ErrorKind::AddrInUse => Self::Taken,
             Err(_) => Self::Held(None),
@@ -29,7 +26,19 @@ impl Slot {
     }
 }
 
-#[cfg(test)]
+#[cfg(target_os = "linux")]
+fn bound(name: &[u8]) -> std::io::Result<UnixDatagram> {
+    use std::os::linux::net::SocketAddrExt as _;
+    UnixDatagram::bind_addr(&std::os::unix::net::SocketAddr::from_abstract_name(name)?)
+}
+
+/// Other systems have no such namespace.
+#[cfg(not(target_os = "linux"))]
+fn bound(_: &[u8]) -> std::io::Result<UnixDatagram> {
+    Err(std::io::ErrorKind::Unsupported.into())
+}
+
+#[cfg(all(test, target_os = "linux"))]
 mod tests {
     use super::*;
 
