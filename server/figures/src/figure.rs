@@ -205,6 +205,11 @@ impl Figure {
             let _ = write!(path, "{step}{x:.1} {y:.1}");
         }
         self.path(&path, stroke, colour, name);
+        self.mark_beyond(points, colour);
+    }
+
+    /// Marks those points of a line that lie beyond the vertical axis.
+    fn mark_beyond(&mut self, points: &[[f64; 2]], colour: Colour) {
         for point in points {
             if !self.y.holds(point[1]) {
                 self.dot(*point, Dot::Small, colour, "");
@@ -221,6 +226,7 @@ impl Figure {
             let _ = write!(path, "{across}{x:.1}{up}{y:.1}");
         }
         self.path(&path, Stroke::Solid, colour, name);
+        self.mark_beyond(points, colour);
     }
 
     fn path(&mut self, path: &str, stroke: Stroke, colour: Colour, name: &str) {
@@ -406,6 +412,10 @@ mod tests {
         let commands: String =
             path.split('"').next().expect("it ends").matches(char::is_alphabetic).collect();
         assert_eq!(commands, "MHVHV");
+        assert!(!svg.contains("beyond the axis"), "{svg}");
+        let mut figure = self::figure();
+        figure.steps(&[[0.0, 30.0], [5.0, 5.0]], Colour::Blue, "");
+        assert!(figure.finish().contains("beyond the axis"), "it begins above");
     }
 
     #[test]

@@ -88,7 +88,7 @@ pub(in super::super) fn race(runners: &[Runner]) -> String {
     }
     let longest = best.iter().map(Vec::len).max().unwrap_or(1);
     let x = figures::Axis::counts("measured trials", 1.0, longest as f64);
-    // A line that begins above the default is cut there.
+    // A line that begins above the default is cut there, and marked.
     let low = ratios().fold(1.0, f64::min);
     let answers = runners.iter().filter_map(|runner| runner.answer);
     let answers = answers.flat_map(|gain| [Some(gain.share), gain.low, gain.high].into_iter().flatten());
