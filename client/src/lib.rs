@@ -22,7 +22,7 @@
 //! | `outbox`, `delivery`, `stats` | reports on their way, and counts of their fates |
 //! | `study_context`, `shared` | the parts of a study that suggestions keep and that its handles share |
 //! | `frame_set`, `episode` | trials of several frames, within the program and over its loop |
-//! | `front`, `stored_front` | several metrics of which none is given up for another |
+//! | `front`, `front_loop`, `stored_front` | several metrics of which none is given up for another |
 //! | `answer`, `memory`, `stream` | answers within a deadline, and fallbacks without one |
 
 mod answer;
@@ -44,6 +44,7 @@ mod error;
 mod failover;
 mod frame_set;
 mod front;
+mod front_loop;
 mod insight;
 pub mod limits;
 pub mod local;
@@ -80,6 +81,7 @@ pub use episode::episode_trend;
 pub use error::{ClientError, SharedError};
 pub use frame_set::{FrameSet, FrameSetResult};
 pub use front::FrontHistory;
+pub use front_loop::FrontLoop;
 pub use insight::{Explanation, Omission, StateInsight};
 pub use machine::detect_fingerprint;
 pub use numbers::{Indicators, Measurements};

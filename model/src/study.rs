@@ -365,6 +365,17 @@ impl StudyBuilder {
         self
     }
 
+    /// Makes it the study of a front: a run's direction is its indicator and the cost there its objective, and
+    /// its display name tells the metrics. Nothing is confirmed, unless the policy says so, which is to be set
+    /// before: that race would be one of a single direction.
+    #[must_use]
+    pub fn front(mut self, front: &Front) -> Self {
+        self.0.policy.confirm_rounds.get_or_insert(0);
+        self.indicator(Front::DIRECTION, front.range(), Scale::Linear)
+            .minimise(Front::COST, 1.0)
+            .display_name(front.study_name())
+    }
+
     /// Seed of every random decision of the study. Unset: 0.
     #[must_use]
     pub fn seed(mut self, seed: u64) -> Self {
@@ -399,6 +410,18 @@ mod tests {
         let spec = StudySpec::builder(space.less_or_equal("a", "b").build().expect("valid"));
         let spec = spec.display_name("a study").indicator("x", 0.0..=1.0, Scale::Linear);
         spec.minimise("render_ms", 1.0).build().expect("valid").with_policy(Policy::default())
+    }
+
+    #[test]
+    fn a_front_is_found_by_its_name_and_confirms_only_where_that_is_wished() {
+        let space = || Space::builder().integer("a", 1..=9).default(3).build().expect("valid");
+        let front = Front::new(&["ms", "1/rate"]).expect("metrics");
+        let spec = StudySpec::builder(space()).front(&front).build().expect("valid");
+        assert_eq!(Front::of_study(&spec.display_name), Some(front.clone()));
+        assert_eq!((spec.indicators.indicators.len(), spec.policy.confirm_rounds), (1, Some(0)));
+        let wished =
+            StudySpec::builder(space()).policy(PolicySettings::new().confirm_rounds(9)).front(&front);
+        assert_eq!(wished.build().expect("valid").policy.confirm_rounds, Some(9));
     }
 
     #[test]

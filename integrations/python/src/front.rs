@@ -4,10 +4,7 @@ use std::sync::Mutex;
 
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use treewright_client::{
-    ClientError, Configuration, FrontHistory, Measurements, OpenEnum, Outcome, Question, Rule, SessionPolicy,
-    StudySpec, TrialQuery, TrialRecord, blocking,
-};
+use treewright_client::{ClientError, FrontLoop, Measurements, Outcome, TrialRecord};
 
 use crate::client::{Client, policy_words};
 use crate::convert::{Named, Numbers, measurements, shown};
@@ -18,97 +15,7 @@ use crate::suggestion::{ended, lock};
 /// Two or three metrics of which none is given up for another: runs that look for the configurations of which
 /// no other is better in all of them. One program at a time adds to a front, and runs one trial at a time.
 #[pyclass(module = "treewright", frozen)]
-pub(crate) struct Front {
-    client: blocking::Client,
-    /// Its name with its identity.
-    study: String,
-    space_revision: u32,
-    default: Configuration,
-    runs: Mutex<Runs>,
-}
-
-struct Runs {
-    history: FrontHistory,
-    /// Planned ones that are still to be done.
-    left: u32,
-}
-
-impl Front {
-    fn open(
-        client: blocking::Client,
-        id: &str,
-        spec: &StudySpec,
-        front: treewright_client::Front,
-        planned: u32,
-    ) -> Result<Self, ClientError> {
-        let record = client.create_study(id, spec)?;
-        if record.display_name != front.study_name() {
-            let problem = format!("it is no {}, but `{}`", front.study_name(), record.display_name);
-            return Err(ClientError::Invalid { what: record.name, problem });
-        }
-        let study = record.identified_name();
-        let query = TrialQuery::all().filter("state = COMPLETED").in_present_space();
-        let mut known = client.trials(&study, query).collect::<Result<Vec<_>, _>>()?;
-        // Costs of different machines are never mixed.
-        known.retain(|trial| trial.fingerprint.as_ref() == Some(client.fingerprint()));
-        // Trials are read as they are in the present space, of which the program may know an earlier one.
-        let default = client.get_study(&study)?.spec()?.space.default_configuration().into();
-        Ok(Self {
-            client,
-            study,
-            space_revision: record.space_revision,
-            default,
-            runs: Mutex::new(Runs { history: FrontHistory::new(front, known, planned), left: planned }),
-        })
-    }
-
-    fn ask(&self) -> Result<Option<TrialRecord>, ClientError> {
-        let mut runs = lock(&self.runs);
-        if runs.left == 0 {
-            return Ok(None);
-        }
-        self.carry_over(&mut runs.history)?;
-        while let Some(direction) = runs.history.next_direction() {
-            let session_policy = SessionPolicy { epsilon: Some(1.0), ..SessionPolicy::default() };
-            let own = Question { session_policy, space_revision: self.space_revision, ..Question::default() };
-            let trial = self.client.ask(&self.study, &runs.history.question(direction, own))?;
-            if trial.reason.explanation.rule != Some(OpenEnum::Known(Rule::Finished)) {
-                return Ok(Some(trial));
-            }
-            self.client.give_back(&trial.name)?;
-            runs.history.end(direction);
-        }
-        Ok(None)
-    }
-
-    fn tell(
-        &self,
-        trial: &TrialRecord,
-        measured: Measurements,
-        outcome: &Outcome,
-    ) -> Result<(), ClientError> {
-        let mut runs = lock(&self.runs);
-        let measured = match outcome {
-            Outcome::Ok => runs.history.with_cost(trial, measured)?,
-            _ => measured,
-        };
-        let (stored, _) = self.client.tell(&trial.name, &measured, outcome)?;
-        runs.history.push(stored);
-        runs.left = runs.left.saturating_sub(1);
-        // What fails here is done before the next question.
-        let _ = self.carry_over(&mut runs.history);
-        Ok(())
-    }
-
-    /// Reports runs for the directions that do not know of them. None of these trials is a run.
-    fn carry_over(&self, history: &mut FrontHistory) -> Result<(), ClientError> {
-        for (question, measured, outcome) in history.owed() {
-            let trial = self.client.ask(&self.study, &question)?;
-            history.push(self.client.tell(&trial.name, &measured, &outcome)?.0);
-        }
-        Ok(())
-    }
-}
+pub(crate) struct Front(FrontLoop);
 
 #[pymethods]
 impl Front {
@@ -148,20 +55,20 @@ impl Front {
             seed: 0,
         };
         let (spec, client) = (definition.spec(space)?, client.inner().clone());
-        python.detach(|| Self::open(client, id, &spec, front, trials)).map_err(raised)
+        python.detach(|| FrontLoop::open(&client, id, &spec, front, trials)).map(Self).map_err(raised)
     }
 
     /// The names of the metrics.
     #[getter]
     fn metrics(&self, python: Python<'_>) -> Vec<String> {
-        python.detach(|| lock(&self.runs).history.front().metrics().map(str::to_owned).collect())
+        python.detach(|| self.0.metrics())
     }
 
     /// The next run; the same one until it is reported or given back. None once the planned runs are done, or
     /// nothing more is to be tried. Raises where no daemon answers.
     fn suggest(this: &Bound<'_, Self>) -> PyResult<Option<FrontTrial>> {
         let own = this.get();
-        let trial = this.py().detach(|| own.ask()).map_err(raised)?;
+        let trial = this.py().detach(|| own.0.ask()).map_err(raised)?;
         let front = || this.clone().unbind();
         Ok(trial.map(|trial| FrontTrial { front: front(), trial, is_open: Mutex::new(true) }))
     }
@@ -169,16 +76,11 @@ impl Front {
     /// The front of all runs so far on this machine, as a ``treewright.front.ParetoFront``. The hypervolume
     /// is told beside the default.
     fn found<'py>(&self, python: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        let found = python.detach(|| {
-            let runs = lock(&self.runs);
-            let measured = runs.history.trials().iter().filter_map(TrialRecord::measured_run);
-            runs.history.front().of(measured, &self.default, None)
-        });
-        crate::pareto::front(python, &found)
+        crate::pareto::front(python, &python.detach(|| self.0.found()))
     }
 
     fn __repr__(&self) -> String {
-        format!("<Front {}>", self.study)
+        format!("<Front {}>", self.0.study())
     }
 }
 
@@ -199,7 +101,7 @@ impl FrontTrial {
             if !*is_open {
                 return Ok(false);
             }
-            front.tell(&self.trial, measured, outcome)?;
+            front.0.tell(&self.trial, measured, outcome)?;
             *is_open = false;
             Ok(true)
         });
@@ -262,7 +164,7 @@ impl FrontTrial {
         python.detach(|| {
             let mut is_open = lock(&self.is_open);
             if std::mem::take(&mut *is_open) {
-                let _ = front.client.give_back(&self.trial.name);
+                let _ = front.0.give_back(&self.trial);
             }
         });
     }
