@@ -55,6 +55,8 @@ typedef struct tw_spec tw_spec;
 typedef struct tw_study tw_study;
 typedef struct tw_tuner tw_tuner;
 typedef struct tw_front tw_front;
+typedef struct tw_front_runs tw_front_runs;
+typedef struct tw_front_run tw_front_run;
 typedef struct tw_suggestion tw_suggestion;
 typedef struct tw_configuration tw_configuration;
 typedef struct tw_scene tw_scene;
@@ -280,6 +282,28 @@ tw_front *tw_study_front(const tw_study *study, const char *const *metrics, size
  * to 1, of the box between zero and the default that the front leaves behind. Borrowed. */
 const char *tw_front_json(const tw_front *front);
 void tw_front_free(tw_front *front);
+
+/* Looks for the Pareto front of count metrics, two or three, all above 0 in every run; "1/rate" is one that is to be large. Creates the
+ * study, or goes on with the one of that id that was made for the same metrics; the specification has neither metrics nor indicators.
+ * planned is the number of runs, for example 80. One program at a time adds to a front, and runs one trial at a time. Each call of a
+ * front waits for the daemon. Fails: TW_INVALID, TW_REFUSED, TW_AWAY, TW_LATE, as all of the next ones. */
+tw_front_runs *tw_client_front_runs(const tw_client *client, const char *id, const tw_spec *spec, const char *const *metrics,
+                                    size_t count, uint32_t planned, tw_error **error);
+/* The next run; the same one until it is reported or given back. NULL without an error once the planned ones are done, or nothing more
+ * is to be tried. */
+tw_front_run *tw_front_runs_suggest(const tw_front_runs *runs, tw_error **error);
+/* The front of all runs so far on this machine. */
+tw_front *tw_front_runs_found(const tw_front_runs *runs, tw_error **error);
+void tw_front_runs_free(tw_front_runs *runs);
+/* Borrowed from the run, as its trial's name. */
+const tw_configuration *tw_front_run_configuration(const tw_front_run *run);
+const char *tw_front_run_trial(const tw_front_run *run);
+/* Each CONSUMES the run. Where it fails, tw_front_runs_suggest gives the same one again. Of a report every metric is wanted, above 0. */
+bool tw_front_run_report(tw_front_run *run, const tw_number *measurements, size_t count, tw_error **error);
+bool tw_front_run_infeasible(tw_front_run *run, const char *reason, tw_error **error);
+bool tw_front_run_failed(tw_front_run *run, const char *reason, tw_error **error);
+/* Gives the run back unmeasured. */
+void tw_front_run_free(tw_front_run *run);
 
 /* A frame loop in which report and question travel together: one round trip a frame. Fails: TW_INVALID. */
 tw_tuner *tw_tuner_new(const tw_study *study, tw_error **error);

@@ -35,6 +35,8 @@ struct Free {
   void operator()(tw_study *it) const { tw_study_free(it); }
   void operator()(tw_tuner *it) const { tw_tuner_free(it); }
   void operator()(tw_front *it) const { tw_front_free(it); }
+  void operator()(tw_front_runs *it) const { tw_front_runs_free(it); }
+  void operator()(tw_front_run *it) const { tw_front_run_free(it); }
   void operator()(tw_suggestion *it) const { tw_suggestion_free(it); }
   void operator()(tw_configuration *it) const { tw_configuration_free(it); }
   void operator()(tw_scene *it) const { tw_scene_free(it); }
@@ -173,6 +175,53 @@ class Tuner {
   detail::Owned<tw_tuner> owned_;
 };
 
+// A run of a front. Report it, or let it go, which gives the trial back.
+class FrontRun {
+ public:
+  explicit FrontRun(tw_front_run *handle) : owned_(handle) {}
+  // False where no run is left.
+  explicit operator bool() const { return owned_ != nullptr; }
+  ConfigurationView configuration() const { return ConfigurationView(tw_front_run_configuration(owned_.get())); }
+  std::string trial() const { return tw_front_run_trial(owned_.get()); }
+  // Each of these ends it; where one throws, FrontRuns::suggest gives the same run again.
+  void report(const Numbers &measurements) {
+    end([&](tw_front_run *it, tw_error **error) {
+      return tw_front_run_report(it, measurements.data(), measurements.size(), error);
+    });
+  }
+  void infeasible(const std::string &reason) {
+    end([&](tw_front_run *it, tw_error **error) { return tw_front_run_infeasible(it, reason.c_str(), error); });
+  }
+  void failed(const std::string &reason) {
+    end([&](tw_front_run *it, tw_error **error) { return tw_front_run_failed(it, reason.c_str(), error); });
+  }
+
+ private:
+  template <typename Call>
+  void end(Call call) {
+    detail::checked([&](tw_error **error) { return call(owned_.release(), error); });
+  }
+  detail::Owned<tw_front_run> owned_;
+};
+
+// Looks for a Pareto front: while (FrontRun run = runs.suggest()) run.report(measure(run.configuration()));
+class FrontRuns {
+ public:
+  explicit FrontRuns(tw_front_runs *handle) : owned_(handle) {}
+  FrontRun suggest() const {
+    return FrontRun(detail::checked([&](tw_error **error) { return tw_front_runs_suggest(owned_.get(), error); }));
+  }
+  // The JSON of the front so far, as Study::front gives it.
+  std::string found() const {
+    detail::Owned<tw_front> found(
+        detail::checked([&](tw_error **error) { return tw_front_runs_found(owned_.get(), error); }));
+    return tw_front_json(found.get());
+  }
+
+ private:
+  detail::Owned<tw_front_runs> owned_;
+};
+
 class Study {
  public:
   explicit Study(tw_study *handle) : owned_(handle) {}
@@ -304,6 +353,13 @@ class Client {
   Study existing_study(const std::string &id) const {
     return Study(detail::checked(
         [&](tw_error **error) { return tw_client_existing_study(owned_.get(), id.c_str(), error); }));
+  }
+  // Metrics as "time_ms" and "1/rate"; the specification has none of its own.
+  FrontRuns front_runs(const std::string &id, const Spec &spec, const std::vector<const char *> &metrics,
+                       uint32_t planned = 80) const {
+    return FrontRuns(detail::checked([&](tw_error **error) {
+      return tw_client_front_runs(owned_.get(), id.c_str(), spec.handle(), metrics.data(), metrics.size(), planned, error);
+    }));
   }
   void delete_study(const std::string &id) const {
     detail::checked([&](tw_error **error) { return tw_client_delete_study(owned_.get(), id.c_str(), error); });

@@ -14,7 +14,7 @@ use crate::suggestion::Suggestion;
 
 /// A client. May be used by several threads at once.
 #[derive(Debug)]
-pub(crate) struct Client(blocking::Client);
+pub(crate) struct Client(pub(crate) blocking::Client);
 
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_client_connect(

@@ -2,7 +2,8 @@
 //! returns it, so that a program checks for errors once.
 
 use treewright_client::{
-    Condition, Constraint, Domain, Indicator, Parameter, Policy, Scale, Space, StudyBuilder, StudySpec, Value,
+    Condition, Constraint, Domain, Front, Indicator, Parameter, Policy, Scale, Space, StudyBuilder,
+    StudySpec, Value,
 };
 
 use crate::edge::{Array, ErrorOut, Text, guard, set};
@@ -32,6 +33,17 @@ impl Spec {
     pub(crate) fn finish(&self) -> Result<StudySpec, Failure> {
         let study = self.describe(StudySpec::builder(self.space()?));
         study.build().map_err(|error| Failure::invalid(error.to_string()))
+    }
+
+    /// The specification of a front, or the first mistake.
+    pub(crate) fn of_front(&self, front: &Front) -> Result<StudySpec, Failure> {
+        let study = self.describe(StudySpec::builder(self.space()?));
+        if !(self.terms.is_empty() && self.indicators.is_empty()) {
+            return Err(Failure::invalid(
+                "a front has an objective and an indicator of its own; name its metrics alone",
+            ));
+        }
+        study.front(front).build().map_err(|error| Failure::invalid(error.to_string()))
     }
 
     /// The space alone, or the first mistake.

@@ -80,6 +80,9 @@ static void without_handles(void) {
   CHECK(!tw_suggestion_report(NULL, NULL, 0, NULL));
   CHECK(tw_suggestion_configuration(NULL) == NULL && tw_error_code(NULL) == TW_OK);
   CHECK(tw_suggestion_trial(NULL)[0] == 0 && tw_client_count(NULL, TW_COUNT_SENT) == 0);
+  CHECK(!tw_front_runs_suggest(NULL, NULL) && !tw_front_run_report(NULL, NULL, 0, NULL) && tw_front_run_trial(NULL)[0] == 0);
+  tw_front_runs_free(NULL);
+  tw_front_run_free(NULL);
   tw_client_free(NULL);
   tw_study_free(NULL);
   tw_tuner_free(NULL);
@@ -231,6 +234,57 @@ static void changed_space(const tw_client *client) {
     tw_study_free(studies[each]);
     tw_spec_free(specs[each]);
   }
+}
+
+/* Two metrics of which none is given up: the runs, what is refused, and what was found. */
+static void fronts(const tw_client *client) {
+  static const char *const metrics[] = {"ms", "1/rate"};
+  tw_error *error = NULL;
+  tw_spec *spec = tw_spec_new();
+  tw_spec_integer(spec, "level", 1, 50, 25, TW_LINEAR);
+  tw_front_runs *runs = tw_client_front_runs(client, "from-c-front", spec, metrics, 2, 6, &error);
+  succeed(error);
+  tw_front_run *run;
+  int ran = 0;
+  while ((run = tw_front_runs_suggest(runs, &error)) != NULL) {
+    int64_t level = 0;
+    CHECK(tw_configuration_integer(tw_front_run_configuration(run), "level", &level, &error));
+    tw_number result[] = {{"ms", 100 / (double)level}, {"rate", 1000 / (double)(level * level)}};
+    if (ran == 0) { /* one that lacks a metric is asked for again */
+      char trial[64];
+      snprintf(trial, sizeof trial, "%s", tw_front_run_trial(run));
+      CHECK(strstr(trial, "studies/from-c-front@"));
+      CHECK(!tw_front_run_report(run, result, 1, &error));
+      expect(error, TW_INVALID, "rate"), error = NULL;
+      run = tw_front_runs_suggest(runs, &error);
+      succeed(error);
+      CHECK(strcmp(trial, tw_front_run_trial(run)) == 0);
+    }
+    CHECK(tw_front_run_report(run, result, 2, &error));
+    ran++;
+  }
+  succeed(error);
+  CHECK(ran == 6);
+  tw_front *found = tw_front_runs_found(runs, &error);
+  succeed(error);
+  CHECK(strstr(tw_front_json(found), "\"maximised\":[\"rate\"],\"runs\":6"));
+  tw_front_free(found);
+  tw_front_runs_free(runs);
+  /* Goes on, with one that is given back and one that cannot be. */
+  runs = tw_client_front_runs(client, "from-c-front", spec, metrics, 2, 2, &error);
+  succeed(error);
+  tw_front_run_free(tw_front_runs_suggest(runs, &error));
+  CHECK(tw_front_run_infeasible(tw_front_runs_suggest(runs, &error), "out of memory", &error));
+  CHECK(tw_front_run_failed(tw_front_runs_suggest(runs, &error), "the lamp went out", &error));
+  CHECK(!tw_front_runs_suggest(runs, &error));
+  succeed(error);
+  tw_front_runs_free(runs);
+  CHECK(!tw_client_front_runs(client, "from-c-front", spec, NULL, 0, 2, &error));
+  expect(error, TW_INVALID, "list of metrics is NULL"), error = NULL;
+  tw_spec_minimise(spec, "ms", 1);
+  CHECK(!tw_client_front_runs(client, "from-c-front", spec, metrics, 2, 2, &error));
+  expect(error, TW_INVALID, "an objective and an indicator of its own");
+  tw_spec_free(spec);
 }
 
 static void trials(const tw_client *client) {
@@ -570,6 +624,7 @@ int main(int count, char **arguments) {
   without_daemon();
   maximised(client);
   changed_space(client);
+  fronts(client);
   trials(client);
   episodes(client);
   threads(client);
