@@ -2,7 +2,7 @@
 
 CARGO ?= cargo
 
-.PHONY: help setup build demo test lint bench hunt gate peers integrations dist deb docs
+.PHONY: help setup build demo test lint bench hunt gate peers integrations dist deb docs pictures
 
 help: ## what there is to make
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 15
@@ -27,6 +27,9 @@ deb: dist ## a Debian package of the daemon and the command line; wants cargo-de
 docs: ## the documentation as a book in target/book; wants mdbook
 	@command -v mdbook >/dev/null || { echo "docs: run this first: $(CARGO) install --locked mdbook" >&2; exit 1; }
 	mdbook build docs
+
+pictures: build ## the pictures of the documentation, by this version; wants chromium (tools/pictures.py)
+	@python3 tools/pictures.py
 
 test: ## formatting, lints, docs, unit, property and end-to-end tests
 	@python3 tools/setup.py --tests
