@@ -11,8 +11,8 @@ pub fn detect_fingerprint() -> Fingerprint {
     Fingerprint { cpu_model: cpu_model(&cpu_info), isa: isa().to_owned(), threads, ..Fingerprint::default() }
 }
 
-/// The first `model name` (x86) of Linux's list of processors, or what ARM has there: the numbers of maker and
-/// core.
+/// The first `model name` (x86) of Linux's list of processors, or what ARM has there: the numbers of maker
+/// and core.
 fn cpu_model(cpu_info: &str) -> String {
     let said = |wanted: [&str; 2]| {
         let mut pairs = cpu_info.lines().filter_map(|line| line.split_once(':'));
