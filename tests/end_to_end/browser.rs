@@ -1,6 +1,6 @@
 //! The dashboard in a browser: headless Chromium through its WebDriver. Where either is missing, the test
 //! says so and is skipped. `TREEWRIGHT_SCREENSHOTS=FOLDER` keeps a picture of every page, wide and narrow,
-//! light and dark.
+//! light and dark, and as it looks under deuteranopia.
 
 use std::io::{BufRead as _, BufReader, Read as _, Write as _};
 use std::net::TcpStream;
@@ -222,7 +222,12 @@ fn look_at_pages(browser: &Browser, address: &str) {
         ("compare", "/compare?study=scenes&study=toy"),
         ("login", "/login"),
     ] {
-        for (scheme, width) in [("light", 1280), ("dark", 1280), ("light", 390), ("dark", 390)] {
+        let sights = ["none", "deuteranopia"];
+        let looks = [("light", 1280), ("dark", 1280), ("light", 390), ("dark", 390)];
+        let looks = looks.into_iter().flat_map(|(scheme, width)| sights.map(|sight| (scheme, width, sight)));
+        // Of other sights there is nothing to check, only to look at.
+        for (scheme, width, sight) in looks.filter(|look| look.2 == "none" || pictures.is_some()) {
+            browser.tool("Emulation.setEmulatedVisionDeficiency", &json!({ "type": sight }));
             let media = json!({ "features": [{ "name": "prefers-color-scheme", "value": scheme }] });
             browser.tool("Emulation.setEmulatedMedia", &media);
             let size =
@@ -236,12 +241,13 @@ fn look_at_pages(browser: &Browser, address: &str) {
                 let whole = json!({ "captureBeyondViewport": true, "format": "png" });
                 let shot = browser.tool("Page.captureScreenshot", &whole);
                 let text = shot["data"].as_str().expect("base64");
-                std::fs::write(folder.join(format!("{name}-{width}-{scheme}.png.base64")), text)
-                    .expect("a file");
+                let file = format!("{name}-{width}-{scheme}-{sight}.png.base64");
+                std::fs::write(folder.join(file), text).expect("a file");
             }
         }
     }
     browser.tool("Emulation.clearDeviceMetricsOverride", &json!({}));
+    browser.tool("Emulation.setEmulatedVisionDeficiency", &json!({ "type": "none" }));
 }
 
 /// The steps of a user without a mouse.
