@@ -35,7 +35,7 @@ pub(crate) async fn within_deadline(
     let limit = shared.context.core.options.deadline;
     let deadline = Instant::now() + limit;
     if let Err(problem) = checks::state(&shared.context.spec, indicators) {
-        return shared.fall_back(Arc::new(problem));
+        return shared.fall_back(indicators, Arc::new(problem));
     }
     let mut earlier = outstanding
         .take()
@@ -51,7 +51,7 @@ pub(crate) async fn within_deadline(
     }
     if let Some(problem) = shared.problem() {
         *outstanding = earlier;
-        return shared.fall_back(problem);
+        return shared.fall_back(indicators, problem);
     }
     let mut question = match earlier {
         Some(earlier) => {
@@ -62,16 +62,16 @@ pub(crate) async fn within_deadline(
     };
     match tokio::time::timeout_at(deadline, &mut question.answer).await {
         Ok(Ok(Ok(suggestion))) => shared.deliver(suggestion),
-        Ok(Ok(Err(problem))) => shared.fall_back(Arc::new(problem)),
+        Ok(Ok(Err(problem))) => shared.fall_back(indicators, Arc::new(problem)),
         Ok(Err(_closed)) => {
             let reason = "the connection ended before the answer came";
-            shared.fall_back(Arc::new(ClientError::away(&shared.context.core.url, reason)))
+            shared.fall_back(indicators, Arc::new(ClientError::away(&shared.context.core.url, reason)))
         }
         Err(_elapsed) => {
             let problem = Arc::new(shared.context.core.late("Suggest", limit));
             shared.context.core.circuit_breaker.failure(Arc::clone(&problem));
             *outstanding = Some(question);
-            shared.fall_back(problem)
+            shared.fall_back(indicators, problem)
         }
     }
 }

@@ -11,8 +11,8 @@ pub const WORKERS: usize = 1024;
 pub const DEFAULT_QUEUE: usize = 1024;
 /// The largest queue that the options may ask for.
 pub const LARGEST_QUEUE: usize = 1 << 20;
-/// Distinct configurations remembered for the time when the daemon is away.
-pub const REMEMBERED_CONFIGURATIONS: usize = 16;
+/// Configurations remembered for the time when the daemon is away, each once for a state.
+pub const REMEMBERED_CONFIGURATIONS: usize = 64;
 /// Suggestions that one study may have under way at once; a further one gets the fallback.
 pub const OUTSTANDING_SUGGESTIONS: usize = 256;
 /// Frames that a tuner's stream may have unanswered; a further one gets the fallback.

@@ -107,7 +107,7 @@ impl PrefetchingTuner {
         let shared = &self.study.shared;
         match answer {
             Ok(suggestion) => shared.deliver(suggestion),
-            Err(problem) => shared.fall_back(problem),
+            Err(problem) => shared.fall_back(indicators, problem),
         }
     }
 

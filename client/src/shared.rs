@@ -109,10 +109,10 @@ impl Shared {
     }
 
     /// Answers without the daemon.
-    pub(crate) fn fall_back(self: &Arc<Self>, problem: SharedError) -> Suggestion {
+    pub(crate) fn fall_back(self: &Arc<Self>, indicators: &Indicators, problem: SharedError) -> Suggestion {
         self.context.core.counters.fallbacks.add(1);
         self.context.core.counters.note(&problem);
-        Suggestion::fallback(Arc::clone(&self.context), problem)
+        Suggestion::fallback(Arc::clone(&self.context), indicators, problem)
     }
 
     /// The worker that asks for a trial: the one that hands in the previous result, or a free one.

@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use crate::core::Core;
 use crate::memory::RememberedConfigurations;
-use crate::{Configuration, Measurements, Outcome, StudyRecord, StudySpec};
+use crate::{Configuration, Indicators, Measurements, Outcome, StudyRecord, StudySpec};
 
 #[derive(Debug)]
 pub(crate) struct StudyContext {
@@ -57,19 +57,30 @@ impl StudyContext {
         *identified = Arc::from(record.identified_name());
     }
 
-    /// The last configuration of the daemon that ran here and did not fail since.
-    pub(crate) fn last_good(&self) -> Option<Configuration> {
-        self.memory().last_good().cloned()
+    /// What to run in a state while the daemon is away; `None` where only the defaults are left.
+    pub(crate) fn last_good(&self, indicators: &Indicators) -> Option<Configuration> {
+        self.memory().last_good(&self.spec, indicators).cloned()
     }
 
-    /// Learns from a result what to fall back on. What is beyond a limit does not count as run.
-    pub(crate) fn learn(&self, configuration: &Configuration, outcome: &Outcome, measured: &Measurements) {
-        let runs = match outcome {
-            Outcome::Ok => matches!(self.spec.objective.beyond(&measured.0), Ok(None)),
-            Outcome::Infeasible { .. } | Outcome::Failed { .. } => false,
+    /// Learns from a result what to fall back on. What is beyond a limit does not count as run. `is_answer`:
+    /// the daemon did not explore with it.
+    pub(crate) fn learn(
+        &self,
+        indicators: &Indicators,
+        configuration: &Configuration,
+        is_answer: bool,
+        outcome: &Outcome,
+        measured: &Measurements,
+    ) {
+        let objective = &self.spec.objective;
+        let cost = match outcome {
+            Outcome::Ok if matches!(objective.beyond(&measured.0), Ok(None)) => {
+                objective.cost(&measured.0).ok()
+            }
+            Outcome::Ok | Outcome::Infeasible { .. } | Outcome::Failed { .. } => None,
             Outcome::Aborted { .. } => return,
         };
-        self.memory().note(configuration, runs);
+        self.memory().note(&self.spec, indicators, configuration, is_answer, cost);
     }
 
     fn memory(&self) -> MutexGuard<'_, RememberedConfigurations> {

@@ -9,7 +9,7 @@ use crate::outbox::{Message, OutboxItem};
 use crate::study_context::StudyContext;
 use crate::workers::Worker;
 use crate::{
-    ClientError, Configuration, Indicators, Measurements, Mode, OpenEnum, Outcome, Reason, SharedError,
+    ClientError, Configuration, Indicators, Measurements, Mode, OpenEnum, Outcome, Reason, Rule, SharedError,
     TrialRecord, checks,
 };
 
@@ -19,10 +19,11 @@ use crate::{
 pub enum Source {
     /// The daemon, in time.
     Daemon,
-    /// The daemon did not answer; this is the last configuration of it that ran in this process and has not
-    /// failed since.
+    /// The daemon did not answer. In a state in which anything ran in this process, this is the daemon's
+    /// latest answer that ran there and has not failed since, else the cheapest configuration that did. In
+    /// another state it is the latest answer that ran elsewhere and failed nowhere.
     LastGood,
-    /// The daemon did not answer, and nothing of it has run yet; these are the space's recommended values.
+    /// The daemon did not answer, and there is none of these; these are the space's recommended values.
     Default,
 }
 
@@ -35,6 +36,7 @@ pub enum Source {
 #[must_use = "a dropped suggestion gives its trial back"]
 pub struct Suggestion {
     study: Arc<StudyContext>,
+    indicators: Indicators,
     configuration: Configuration,
     source: Source,
     mode: OpenEnum<Mode>,
@@ -53,6 +55,7 @@ impl Suggestion {
     pub(crate) fn of_trial(study: Arc<StudyContext>, trial: TrialRecord, lease: Lease) -> Self {
         Self {
             study,
+            indicators: trial.indicators,
             configuration: trial.configuration,
             source: Source::Daemon,
             mode: trial.mode,
@@ -67,8 +70,8 @@ impl Suggestion {
         }
     }
 
-    pub(crate) fn fallback(study: Arc<StudyContext>, problem: SharedError) -> Self {
-        let last_good = study.last_good();
+    pub(crate) fn fallback(study: Arc<StudyContext>, indicators: &Indicators, problem: SharedError) -> Self {
+        let last_good = study.last_good(indicators);
         let (source, mode) = match last_good {
             Some(_) => (Source::LastGood, Mode::Exploit),
             None => (Source::Default, Mode::Default),
@@ -83,6 +86,7 @@ impl Suggestion {
         let problem = Some(problem);
         Self {
             study,
+            indicators: indicators.clone(),
             configuration,
             source,
             mode: mode.into(),
@@ -233,7 +237,8 @@ impl Suggestion {
         };
         // That the default ran is no news.
         if is_full && self.source != Source::Default {
-            self.study.learn(&self.configuration, &outcome, &measurements);
+            let is_answer = self.is_answer();
+            self.study.learn(&self.indicators, &self.configuration, is_answer, &outcome, &measurements);
         }
         let lease = self.lease.take();
         match &lease {
@@ -271,6 +276,21 @@ impl Suggestion {
             self.lease_expire_time = self.study.core.extend_lease(&lease.trial).await?.lease_expire_time;
         }
         Ok(())
+    }
+
+    /// Whether the daemon answered it, and neither explored nor let the program have its own way. The default
+    /// is measured as a baseline, too, which is no answer.
+    fn is_answer(&self) -> bool {
+        use Rule::{Exploit, Finished, Frozen, Gain, RolledBack, Shadow};
+        let rule = self.reason.explanation.rule.and_then(OpenEnum::known);
+        let is_settled = matches!(rule, Some(Exploit | Finished | Frozen | Gain | RolledBack | Shadow));
+        self.source == Source::Daemon
+            && match self.mode.known() {
+                Some(Mode::Exploit) => true,
+                Some(Mode::Default) => is_settled,
+                Some(Mode::Pinned) => rule != Some(Rule::Wanted),
+                Some(Mode::Explore) | None => false,
+            }
     }
 
     fn is_ours(&self) -> Result<(), ClientError> {

@@ -220,7 +220,7 @@ impl Study {
     /// See [`crate::Study::suggest`]: answers within the deadline, whatever happens.
     pub fn suggest(&self, indicators: &Indicators) -> Suggestion {
         let answer = self.run(async |study| Ok(study.suggest(indicators).await));
-        answer.unwrap_or_else(|problem| self.fall_back(problem))
+        answer.unwrap_or_else(|problem| self.fall_back(indicators, problem))
     }
 
     /// See [`crate::Study::paired`].
@@ -260,8 +260,8 @@ impl Study {
     }
 
     /// Where there is no thread to ask with.
-    fn fall_back(&self, problem: ClientError) -> Suggestion {
-        self.study.first().shared.fall_back(Arc::new(problem))
+    fn fall_back(&self, indicators: &Indicators, problem: ClientError) -> Suggestion {
+        self.study.first().shared.fall_back(indicators, Arc::new(problem))
     }
 }
 
@@ -283,7 +283,7 @@ impl Tuner {
             let previous = previous.filter(Finished::is_of_this_process);
             Ok(tuner.next(indicators, previous).await)
         });
-        answer.unwrap_or_else(|problem| study.fall_back(problem))
+        answer.unwrap_or_else(|problem| study.fall_back(indicators, problem))
     }
 }
 
@@ -342,7 +342,7 @@ impl PrefetchingTuner {
             let previous = previous.filter(Finished::is_of_this_process);
             Ok(tuner.next_before(indicators, upcoming, previous))
         });
-        answer.unwrap_or_else(|problem| study.fall_back(problem))
+        answer.unwrap_or_else(|problem| study.fall_back(indicators, problem))
     }
 }
 

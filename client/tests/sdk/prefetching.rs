@@ -110,7 +110,7 @@ async fn a_trial_of_another_state_is_given_back() {
     let mut tuner = tuner(&client).await;
     let here = with_trial(&mut tuner, 1, None).await;
     let moved = tuner.next(&state(3), finish(here, 1.0));
-    assert_eq!((moved.source(), moved.trial()), (Source::LastGood, None));
+    assert_eq!((moved.source(), moved.trial()), (Source::Default, None));
     let there = with_trial(&mut tuner, 3, None).await;
     let mut previous = finish(there, 2.0);
     loop {

@@ -320,8 +320,9 @@ bool tw_tuner_finish(const tw_tuner *tuner, tw_suggestion *suggestion, const tw_
 
 enum tw_source {
   TW_DAEMON = 0,    /* the daemon, in time */
-  TW_LAST_GOOD = 1, /* the daemon did not answer: the last configuration of it that ran and has not failed since */
-  TW_DEFAULT = 2    /* the daemon did not answer, and nothing of it has run yet: the defaults */
+  TW_LAST_GOOD = 1, /* the daemon did not answer: its latest answer that ran in this state and has not failed since, else the
+                     * cheapest configuration that did; where nothing ran here, its latest answer that failed nowhere */
+  TW_DEFAULT = 2    /* the daemon did not answer, and there is none of these: the defaults */
 };
 
 /* Borrowed from the suggestion. NULL for NULL. */

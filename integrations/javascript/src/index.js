@@ -13,6 +13,7 @@ import { loadSync } from "@grpc/proto-loader";
 import { Episode } from "./episode.js";
 import { TreewrightError, refined } from "./error.js";
 import { Front, FrontTrial, storedFront } from "./front.js";
+import { Memory, costOf } from "./memory.js";
 import { Outbox } from "./outbox.js";
 import { bestFromWire, checkIndicators, configurationFromWire, configurationToWire, defaultConfiguration, spaceToWire, specToWire, valueToWire } from "./wire.js";
 import { takeWorker } from "./workers.js";
@@ -44,6 +45,9 @@ const LATE_ANSWER_MS = 5000;
 
 /** A daemon that is still loading the study is asked again after so long. */
 const ASK_AGAIN_MS = 100;
+
+/** By these rules the default is an answer; by others it is measured as a baseline. */
+const SETTLED = ["EXPLOIT", "FINISHED", "FROZEN", "GAIN", "ROLLED_BACK", "SHADOW"].map((rule) => `RULE_${rule}`);
 
 /** Whether an address of host and port is this machine. A name that only begins like it is not. */
 const isLocal = (address) => {
@@ -164,12 +168,13 @@ export class Client {
 }
 
 export class Study {
-  #lastGood;
+  #memory;
 
   constructor(client, name, spec, request) {
     this.client = client;
     this.name = name;
     this.spec = spec;
+    this.#memory = new Memory(spec);
     this.request = request;
     this.asked = name;
     this.created = false;
@@ -202,10 +207,12 @@ export class Study {
   }
 
   /** The suggestion of a trial. One that cannot be run is given back. */
-  #accept(trial, worker) {
+  #accept(trial, worker, indicators, wanted) {
     try {
       if (!trial.configuration) throw new TreewrightError("refused", `${trial.name} has no configuration`);
-      return new Suggestion(this, worker, trial, configurationFromWire(trial.configuration));
+      const isSettled = trial.mode === "MODE_DEFAULT" && SETTLED.includes(trial.reason?.explanation?.rule);
+      const isAnswer = wanted === undefined && (isSettled || ["MODE_EXPLOIT", "MODE_PINNED"].includes(trial.mode));
+      return new Suggestion(this, worker, trial, configurationFromWire(trial.configuration), { indicators: { ...indicators }, isAnswer });
     } catch (error) {
       giveBack(this.client, trial.name, worker);
       throw error;
@@ -223,7 +230,7 @@ export class Study {
       const { asked: study, spaceRevision } = this;
       const request = { study, clientId: worker.name, indicators, fingerprint, wanted, fidelities, spaceRevision };
       const trial = await this.client.call("suggest", request, Math.max(end - Date.now(), 1));
-      return this.#accept(trial, worker);
+      return this.#accept(trial, worker, indicators, wanted);
     } catch (error) {
       worker.release();
       // It was deleted: it is created again before the next question.
@@ -252,7 +259,9 @@ export class Study {
       late = true;
       this.client.stats.fallbacks += 1;
       this.client.stats.lastError = error.message;
-      return new Suggestion(this, undefined, undefined, this.#lastGood ?? defaultConfiguration(this.spec), this.#lastGood !== undefined, error);
+      const lastGood = this.#memory.lastGood(indicators);
+      const given = { indicators: { ...indicators }, isLastGood: lastGood !== undefined, problem: error };
+      return new Suggestion(this, undefined, undefined, lastGood ?? defaultConfiguration(this.spec), given);
     } finally {
       clearTimeout(timer);
     }
@@ -304,13 +313,14 @@ export class Study {
     return Object.keys(maximise).length === 1 && more.length === 0 ? weight / cost : cost;
   }
 
-  /** Learns from a result what to fall back on: the last configuration of the daemon that ran and has not failed since. */
-  learn(configuration, measurements, outcome) {
+  /** Learns from a result what to fall back on. What is beyond a limit does not count as run. */
+  learn({ indicators, isAnswer }, configuration, measurements, outcome) {
+    if (outcome.aborted) return;
     const { limits = {} } = this.spec;
     const isBeyond = ([name, { atLeast = -Infinity, atMost = Infinity }]) =>
       measurements[name] < atLeast || measurements[name] > atMost;
-    if (outcome.ok && !Object.entries(limits).some(isBeyond)) this.#lastGood = configuration;
-    else if (!outcome.aborted && JSON.stringify(configuration) === JSON.stringify(this.#lastGood)) this.#lastGood = undefined;
+    const runs = outcome.ok && !Object.entries(limits).some(isBeyond);
+    this.#memory.note(indicators, configuration, isAnswer === true, runs ? costOf(this.spec, measurements) : undefined);
   }
 }
 
@@ -326,18 +336,21 @@ export class Suggestion {
   #study;
   #worker;
   #lease;
+  #given;
   #episode;
   #open = true;
 
-  constructor(study, worker, trial, configuration, isLastGood, problem) {
+  /** `given`: the indicators; of a trial, whether it `isAnswer`; of what was chosen without the daemon, `isLastGood` and the `problem`. */
+  constructor(study, worker, trial, configuration, given) {
     this.#study = study;
     this.#worker = worker;
+    this.#given = given;
     if (trial) forgotten.register(this, { client: study.client, trial: trial.name, worker }, this);
     this.configuration = configuration;
-    this.source = trial ? "daemon" : isLastGood ? "last_good" : "default";
+    this.source = trial ? "daemon" : given.isLastGood ? "last_good" : "default";
     this.trial = trial?.name;
     this.reason = trial?.reason?.summary ?? "";
-    this.problem = problem?.message;
+    this.problem = given.problem?.message;
     this.predictedCost = trial?.predictedCost;
     this.#lease = trial && { abortAbove: trial.abortAbove, leaseExpireTime: trial.leaseExpireTime };
     this.fidelity = trial?.fidelity || undefined;
@@ -367,7 +380,7 @@ export class Suggestion {
     this.#open = false;
     const { client } = this.#study;
     // That the default ran is no news, and at a cheaper level nothing ran in full.
-    if (this.source !== "default" && this.fidelity === undefined) this.#study.learn(this.configuration, measurements, outcome);
+    if (this.source !== "default" && this.fidelity === undefined) this.#study.learn(this.#given, this.configuration, measurements, outcome);
     if (this.trial === undefined) {
       client.stats.unreported += 1;
       return;
@@ -422,14 +435,12 @@ export class Suggestion {
     const isBeyond = ([name, { atLeast = -Infinity, atMost = Infinity }]) =>
       measurements[name] < atLeast || measurements[name] > atMost;
     if (Object.entries(limits).some(isBeyond)) return undefined;
-    let cost = 0;
-    for (const [name, weight] of Object.entries(minimise)) cost += weight * measurements[name];
     for (const [name, weight] of Object.entries(maximise)) {
       const value = measurements[name];
       if (!Number.isFinite(weight / value))
         this.#refuse(`measurement ${name} is ${value}; what is maximised must be above 0, since its reciprocal is the cost`);
-      cost += weight / value;
     }
+    const cost = costOf(this.#study.spec, measurements);
     if (!Number.isFinite(cost)) this.#refuse("the weighted sum of the measurements is not finite; use smaller measurements or weights");
     return cost;
   }

@@ -621,9 +621,9 @@ async function statuses() {
   server.forceShutdown();
 }
 
-/** While the daemon is away, the last configuration of it that ran is run again, not one that nobody ran or that failed. */
+/** While the daemon is away, what ran here is run again: its latest answer, else the cheapest; not what nobody ran or what failed. */
 async function fallingBack() {
-  const levels = ["3", undefined, "4", undefined, "2", undefined, "4", undefined];
+  const levels = ["3", "4", "2", "4", "6", "7", "8", "1", "9"].flatMap((level) => [level, undefined]);
   let asked = 0;
   const handlers = {
     CreateStudy: (call, answer) => answer(null, { name: "studies/fallbacks" }),
@@ -631,7 +631,8 @@ async function fallingBack() {
       const level = levels[asked++];
       if (level === undefined) return answer({ code: grpc.status.UNAVAILABLE, details: "it is away" });
       const configuration = { values: { level: { integer: level } } };
-      answer(null, { name: `${study}/trials/${asked}`, configuration, fidelity: level === "2" ? "small" : "" });
+      const mode = level === "8" ? "MODE_EXPLOIT" : "MODE_EXPLORE";
+      answer(null, { name: `${study}/trials/${asked}`, configuration, mode, fidelity: level === "2" ? "small" : "" });
     },
     Report: (call, answer) => answer(null, {}),
     AbandonTrial: (call, answer) => answer(null, {}),
@@ -639,19 +640,27 @@ async function fallingBack() {
   const { server, address } = await served(handlers);
   const client = new Client(address, { deadlineMs: 20000 });
   const parameters = [{ name: "level", type: "integer", min: 1, max: 9, default: 5 }];
-  const study = await client.study("fallbacks", { parameters, minimise: { ms: 1 } });
+  const study = await client.study("fallbacks", { parameters, indicators: { size: [0, 100] }, minimise: { ms: 1 } });
   const ends = [
     ["default", 5, (suggestion) => suggestion.abandon()],
     ["last_good", 4, (suggestion) => suggestion.report({ ms: 1 })],
     // At a cheaper level it did not run in full.
     ["last_good", 4, (suggestion) => suggestion.report({ ms: 1 })],
     ["default", 5, (suggestion) => suggestion.infeasible("it ran once")],
+    ["last_good", 6, (suggestion) => suggestion.report({ ms: 9 })],
+    // The search tried something dearer last.
+    ["last_good", 6, (suggestion) => suggestion.report({ ms: 20 })],
+    // The daemon knows more than this client.
+    ["last_good", 8, (suggestion) => suggestion.report({ ms: 30 })],
+    ["last_good", 8, (suggestion) => suggestion.report({ ms: 1 })],
+    // In another state, where nothing ran.
+    ["last_good", 8, (suggestion) => suggestion.abandon(), 90],
   ];
-  for (const [source, level, end] of ends) {
-    const suggestion = await study.suggest();
+  for (const [source, level, end, size = 10] of ends) {
+    const suggestion = await study.suggest({ size });
     assert.equal(suggestion.source, "daemon", suggestion.problem);
     end(suggestion);
-    const fallback = await study.suggest();
+    const fallback = await study.suggest({ size });
     assert.deepEqual([fallback.source, fallback.configuration], [source, { level }]);
     fallback.report({ ms: 2 });
   }
