@@ -176,8 +176,10 @@ pub enum ExploitSource {
     Incumbent {
         /// The number of configurations with a verdict there.
         tried: u64,
-        /// The most that any configuration may gain, with a probability of 95 %, as a share.
-        gain_at_most: f64,
+        /// The most that any configuration may gain, with a probability of 95 %, as a share; `None` where
+        /// that was not computed.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        gain_at_most: Option<f64>,
         /// As for [`BestKnown`](Self::BestKnown).
         #[serde(default, skip_serializing_if = "std::ops::Not::not")]
         is_maximised: bool,

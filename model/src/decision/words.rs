@@ -199,11 +199,17 @@ fn of_exploit(exploit: &Exploit) -> String {
             }
             said
         }
-        (ExploitSource::Incumbent { tried, gain_at_most, is_maximised }, _) => format!(
-            "Nothing better is proven: of {tried} configurations tried in this state none is likely to gain more than \
-             {} % over the default.",
-            view(*is_maximised).percent(*gain_at_most)
-        ),
+        (ExploitSource::Incumbent { tried, gain_at_most, is_maximised }, _) => {
+            let tried =
+                format!("Nothing better is proven: of {tried} configurations tried in this state none");
+            match gain_at_most {
+                Some(most) => {
+                    let most = view(*is_maximised).percent(*most);
+                    format!("{tried} is likely to gain more than {most} % over the default.")
+                }
+                None => format!("{tried} was shown to gain anything over the default."),
+            }
+        }
         (ExploitSource::Portfolio { states, .. }, _) => {
             format!(
                 "Nothing that can be run was measured here yet; of what {states} known states answer this serves them \
@@ -289,8 +295,11 @@ mod tests {
         });
         assert!(cost.ends_with(" It costs 20.0 % less than the default (10.0 to 50.0 %)."), "{cost}");
         assert!(rate.ends_with(" Its value lies 25.0 % above the default's (11.1 to 100.0 %)."), "{rate}");
-        let incumbent = |is_maximised| ExploitSource::Incumbent { tried: 9, gain_at_most: 0.2, is_maximised };
-        let [cost, rate] = said(incumbent);
+        let incumbent =
+            |gain_at_most, is_maximised| ExploitSource::Incumbent { tried: 9, gain_at_most, is_maximised };
+        let [unknown, _] = said(|is_maximised| incumbent(None, is_maximised));
+        assert!(unknown.ends_with("none was shown to gain anything over the default."), "{unknown}");
+        let [cost, rate] = said(|is_maximised| incumbent(Some(0.2), is_maximised));
         assert!(
             cost.contains("more than 20.0 % over") && rate.contains("more than 25.0 % over"),
             "{cost} {rate}"

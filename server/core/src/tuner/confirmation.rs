@@ -189,11 +189,12 @@ pub(super) struct Answered {
     pub(super) cost: f64,
     /// Its gain over the default.
     pub(super) gain: Option<Gain>,
-    /// Set where the answer is the incumbent, because nothing was shown to be better: the most that any
-    /// configuration may gain over it.
+    /// The answer is the incumbent, because nothing was shown to be better.
+    pub(super) is_incumbent: bool,
+    /// That incumbent is the default.
+    pub(super) nothing_better: bool,
+    /// The most that any configuration may gain over the answer; `None` where there is no time to tell.
     pub(super) gain_at_most: Option<f64>,
-    /// That gain where the incumbent is the default.
-    pub(super) nothing_better: Option<f64>,
 }
 
 impl Tuner {
@@ -251,12 +252,21 @@ impl Tuner {
 
     /// The assessment of a state, and whether it is up to date with the table.
     fn assessment(&self, state: StateId, planned: &Planned) -> Option<(std::sync::Arc<Assessment>, bool)> {
+        self.assessment_within(state, planned.is_at_once())
+    }
+
+    /// [`Tuner::assessment`], which is computed where it is missing and quick, or where it may take long.
+    fn assessment_within(
+        &self,
+        state: StateId,
+        may_take_long: bool,
+    ) -> Option<(std::sync::Arc<Assessment>, bool)> {
         let request = self.assessment_request(state)?;
         let made = self.assessments.of(state);
         if let Some(made) = made.filter(|made| request.is_answered_by(made)) {
             return Some((std::sync::Arc::clone(made), true));
         }
-        if planned.is_at_once() || request.is_quick() {
+        if may_take_long || request.is_quick() {
             return request.compute().map(|assessment| (std::sync::Arc::new(assessment), true));
         }
         made.map(|made| (std::sync::Arc::clone(made), false))
@@ -277,17 +287,18 @@ impl Tuner {
         if self.is_settled(state)
             && let Some(record) = results.ran(self.incumbent(state))
         {
-            let made = self.assessments.of(state).filter(|made| made.answer == record.configuration);
+            let made = self.assessment_within(state, false).map(|(made, _)| made);
+            let made = made.filter(|made| made.answer == record.configuration);
             // An incumbent that other states named has won nothing here.
             let was_won = self.race(state).is_some_and(|race| race.is_challenger(&record.configuration));
             let is_default = record.configuration == *self.spec.space.default_ref();
-            let gain_at_most = made.map(|made| made.gain_at_most);
             return Some(Answered {
                 configuration: record.configuration.clone(),
                 cost: record.mean_cost,
-                gain: made.and_then(|made| made.gain),
-                gain_at_most: (!was_won || is_default).then(|| gain_at_most.unwrap_or(f64::INFINITY)),
-                nothing_better: is_default.then(|| gain_at_most.unwrap_or(0.0)),
+                gain: made.as_ref().and_then(|made| made.gain),
+                is_incumbent: !was_won || is_default,
+                nothing_better: is_default,
+                gain_at_most: made.map(|made| made.gain_at_most),
             });
         }
         if let Some((made, _)) = self.assessment(state, planned)
@@ -297,15 +308,21 @@ impl Tuner {
                 configuration: made.answer.clone(),
                 cost: made.cost,
                 gain: made.gain,
-                gain_at_most: made.is_incumbent.then_some(made.gain_at_most),
-                nothing_better: made.nothing_better.then_some(made.gain_at_most),
+                is_incumbent: made.is_incumbent,
+                nothing_better: made.nothing_better,
+                gain_at_most: Some(made.gain_at_most),
             });
         }
         // The state was not assessed yet, and there is no time for it now.
         let record = results.best()?;
-        let configuration = record.configuration.clone();
-        let cost = record.mean_cost;
-        Some(Answered { configuration, cost, gain: None, gain_at_most: None, nothing_better: None })
+        Some(Answered {
+            configuration: record.configuration.clone(),
+            cost: record.mean_cost,
+            gain: None,
+            is_incumbent: false,
+            nothing_better: false,
+            gain_at_most: None,
+        })
     }
 
     /// The next measurement of a state's confirmation, in a state whose search is at its end. `None` where
@@ -419,16 +436,18 @@ impl Tuner {
             let is_likely = gain.probability_better.is_some_and(|probability| probability >= LIKELY);
             confirmation.stage == ConfirmationStage::Better && is_likely
         });
+        // Of a settled answer it may not have been at hand.
+        let at_most = if is_of_answer { Some(made.gain_at_most) } else { answered.gain_at_most };
         let pace = self.states.results(state).pace();
         Some(Standing {
             cost: pace * cost,
             cost_low: pace * low,
             cost_high: pace * high,
             gain: by_rounds.or(by_all),
-            nothing_better: answered.gain_at_most.is_some(),
+            nothing_better: answered.is_incumbent,
             confirmation,
             disturbances: self.states.results(state).disturbances(),
-            gain_at_most: answered.gain_at_most.filter(|most| most.is_finite()),
+            gain_at_most: at_most.filter(|most| answered.is_incumbent && most.is_finite()),
         })
     }
 
@@ -436,9 +455,7 @@ impl Tuner {
         let race = self.race(state);
         let stage = match race {
             _ if self.spec.policy.confirm_rounds == 0 => ConfirmationStage::Off,
-            Some(_) if self.is_settled(state) && answered.gain_at_most.is_some() => {
-                ConfirmationStage::NothingBetter
-            }
+            Some(_) if self.is_settled(state) && answered.is_incumbent => ConfirmationStage::NothingBetter,
             Some(_) if self.is_settled(state) => ConfirmationStage::Better,
             Some(race) if !race.settled => ConfirmationStage::Racing,
             _ => ConfirmationStage::Searching,

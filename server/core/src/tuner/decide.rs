@@ -387,13 +387,14 @@ impl Tuner {
     /// The answer of a state's own measurements: its proven best configuration, or the incumbent.
     pub(super) fn best_known(&self, state: StateId, planned: &Planned) -> Option<Exploitation> {
         let KnownState { id, results, .. } = &self.states[state];
-        let Answered { configuration, cost, gain, nothing_better, .. } = self.answered(state, planned)?;
+        let Answered { configuration, cost, gain, nothing_better, gain_at_most, .. } =
+            self.answered(state, planned)?;
         let (tried, measurements) =
             (results.tried() as u64, results.record(&configuration).map_or(0, |record| record.measurements));
         let is_maximised = self.spec.objective.view().is_maximised();
         let source = match nothing_better {
-            Some(gain_at_most) => ExploitSource::Incumbent { tried, gain_at_most, is_maximised },
-            None => {
+            true => ExploitSource::Incumbent { tried, gain_at_most, is_maximised },
+            false => {
                 let state = Neighbour { state_id: id.get(), distance: 0.0, best_cost: cost };
                 ExploitSource::BestKnown { tried, measurements, state, gain, is_maximised }
             }

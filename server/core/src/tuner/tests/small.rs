@@ -103,15 +103,25 @@ fn a_space_of_which_few_configurations_fulfil_the_constraints_is_tried_whole() {
 
 #[test]
 fn a_space_that_is_flat_ends_and_says_that_nothing_is_better() {
-    let mut wrong = 0;
+    let (mut wrong, mut most) = (0, 0.0_f64);
     for seed in 0..30 {
         let mut tuner = levels(5, 2, seed, Policy::default());
         let runs = tuned(&mut tuner, |_| 10.0, 0.05, 1_000);
         assert!(runs < 140, "{runs}");
-        let (level, _) = answer(&tuner);
-        wrong += u32::from(level != 2);
+        let (level, best) = answer(&tuner);
+        if level != 2 {
+            wrong += 1;
+            continue;
+        }
+        // How much may be missed is told, and in the reason the same.
+        let at_most = best.standing.gain_at_most.expect("an assessment tells it");
+        let reason = tuner.predict(&BTreeMap::new(), None).expect("valid").reason().summary;
+        let told = format!("more than {} %", crate::cost_view::CostView::default().percent(at_most));
+        assert!(reason.contains(&told), "{told}: {reason}");
+        most = most.max(at_most);
     }
     assert!(wrong <= 3, "{wrong} of 30 have found what is not there");
+    assert!(most > 0.001, "five noisy levels leave something open: {most}");
 }
 
 #[test]
