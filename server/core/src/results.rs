@@ -96,6 +96,12 @@ impl Record {
         self.infeasible || self.measurements == 0 && self.failures > 0
     }
 
+    /// Whether it was measured once, outside of the range in which its table
+    /// [believes](ResultTable::reach) that: a find or a mistake.
+    pub(crate) fn is_doubtful(&self, reach: Option<(f64, f64)>) -> bool {
+        self.measurements == 1 && reach.is_some_and(|(low, high)| !(low..=high).contains(&self.mean_cost))
+    }
+
     fn rank(&self, index: usize) -> Option<Rank> {
         let usable = self.measurements > 0 && !self.infeasible;
         usable.then_some(Rank { cost: self.mean_cost, index })
@@ -362,11 +368,10 @@ impl ResultTable {
 
     /// The best or the incumbent, if it was measured once and lies far from all others: a find or a mistake.
     pub fn doubtful(&self, incumbent: &Configuration) -> Option<&Record> {
-        let (low, high) = self.reach()?;
-        let once = |record: &&Record| record.measurements == 1 && !record.infeasible;
-        let best = self.best().filter(once).filter(|best| best.mean_cost < low);
-        let is_far = |record: &&Record| !(low..=high).contains(&record.mean_cost);
-        best.or_else(|| self.record(incumbent).filter(once).filter(is_far))
+        let reach = self.reach()?;
+        let is_doubtful = |record: &&Record| !record.infeasible && record.is_doubtful(Some(reach));
+        let best = self.best().filter(is_doubtful).filter(|best| best.mean_cost < reach.0);
+        best.or_else(|| self.record(incumbent).filter(is_doubtful))
     }
 
     fn rank_all(&mut self) {

@@ -101,16 +101,23 @@ impl Choices {
         let members = (0..answers).filter(|&place| !elsewhere.fails(&candidates[place])).collect();
         let row = |other: &OtherState| {
             let noise = other.results.noise().unwrap_or(NOISE_PRIOR).max(NOISE_LEAST);
-            candidates.iter().map(|candidate| known(&other.results, candidate, noise)).collect()
+            let reach = other.results.reach();
+            candidates.iter().map(|candidate| known(&other.results, candidate, noise, reach)).collect()
         };
         let table = CostTable { rows: elsewhere.states.iter().map(row).collect() };
         Choices { candidates, members, table }
     }
 }
 
-fn known(results: &ResultTable, configuration: &Configuration, noise: f64) -> CostEntry {
+fn known(
+    results: &ResultTable,
+    configuration: &Configuration,
+    noise: f64,
+    reach: Option<(f64, f64)>,
+) -> CostEntry {
     match results.record(configuration) {
         Some(record) if record.fails() => CostEntry::Infeasible,
+        Some(record) if record.is_doubtful(reach) => CostEntry::Unknown,
         Some(record) if record.measurements > 0 => {
             let count = record.measurements.min(MEASUREMENTS_COUNTED) as f64;
             let variance = noise * noise / count;

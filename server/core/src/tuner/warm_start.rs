@@ -48,7 +48,9 @@ impl MeasuredElsewhere {
         let mut measured = Vec::new();
         let nearest = &self.states[..self.states.len().min(STATES)];
         for (state, other) in nearest.iter().enumerate() {
-            for record in other.results.ranked().take(RECORDS / nearest.len()) {
+            let reach = other.results.reach();
+            let believed = other.results.ranked().filter(|record| !record.is_doubtful(reach));
+            for record in believed.take(RECORDS / nearest.len()) {
                 let log_cost = libm::log(record.mean_cost.max(REWARD_COST_MIN));
                 measured.push(SourceMeasurement { state, x: space.encode(&record.configuration), log_cost });
             }

@@ -227,3 +227,40 @@ fn what_fails_on_the_nearest_relation_is_no_answer_of_machines() {
     }
     assert_eq!(tuner.suggest(&third.ask(), 0).expect("valid").0.configuration, other);
 }
+
+/// What was measured in a state: the costs of configurations by their travel cost.
+fn tell(tuner: &mut Tuner, ask: &Ask, costs: &[(f64, f64)]) {
+    let space = tuner.spec().space.clone();
+    for (travel, cost) in costs {
+        let configuration = space.decode(&[0.9, 0.1, 0.2, *travel]);
+        let trial = tuner.suggest_wanted(ask, configuration.to_raw(), 0).expect("valid").0;
+        assert!(tuner.report(&trial, measured(*cost), Outcome::Ok, 1).is_ok());
+    }
+}
+
+#[test]
+fn one_absurd_report_of_a_machine_or_a_state_decides_for_no_other() {
+    let usual = [(0.1, 16.0), (0.2, 15.0), (0.3, 12.0), (0.4, 14.0), (0.5, 15.0), (0.6, 17.0), (0.8, 14.0)];
+    let good = |tuner: &Tuner| tuner.spec().space.decode(&[0.9, 0.1, 0.2, 0.3]);
+    for absurd in [1e-300, 1e-6] {
+        // A machine that ran something bad once, and read its cost wrongly.
+        let mut tuner = tuner(exploit_always());
+        for (threads, factor) in [(4, 1.0), (8, 2.0)] {
+            let costs = usual.map(|(travel, cost)| (travel, factor * cost));
+            (0..2).for_each(|_| tell(&mut tuner, &Node::like(threads, 1.0).ask(), &costs));
+        }
+        tell(&mut tuner, &Node::like(8, 1.0).ask(), &[(0.95, absurd)]);
+        let answer = tuner.suggest(&Node::like(16, 1.0).ask(), 0).expect("valid").0;
+        assert_eq!(answer.reason().source, "fleet");
+        assert_eq!(answer.configuration, good(&tuner), "{absurd:e}");
+        // Two states, in one of which something middling was read wrongly.
+        let mut study = Tuner::new(Arc::clone(tuner.spec())).expect("valid");
+        for (x, middling) in [(0.1, 15.0), (0.4, absurd)] {
+            (0..2).for_each(|_| tell(&mut study, &ask("a", x, 0.5), &usual));
+            tell(&mut study, &ask("a", x, 0.5), &[(0.95, middling)]);
+        }
+        let answer = suggest(&mut study, "b", 0.25, 0.9);
+        assert_eq!(answer.reason().source, "portfolio");
+        assert_eq!(answer.configuration, good(&study), "{absurd:e}");
+    }
+}

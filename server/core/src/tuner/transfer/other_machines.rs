@@ -9,12 +9,14 @@
 //! The estimate of a configuration's cost pools four sources by their precision: that it does as well as the
 //! default, the fleet's measurements, the group's, and the machine's own. A new machine has none, so it runs
 //! the fleet's best configuration. Its own measurements soon count for more, and where they disagree, the
-//! others count less.
+//! others count less. A single measurement far from all others of its machine counts for nothing, as one
+//! wrong report would decide for the whole fleet.
 
 use crate::configuration::Configuration;
 use crate::decision::{ByMachines, ExploitSource, ExploredPoint, MachineLevel};
 use crate::ids::StateId;
 use crate::limits::{NEIGHBOURS_MAX, REWARD_COST_MIN};
+use crate::results::Record;
 use crate::trial::Neighbour;
 use crate::tuner::gain::{NOISE_LEAST, NOISE_PRIOR};
 use crate::tuner::proposal::{Exploitation, ProposedTrial};
@@ -41,6 +43,8 @@ struct OtherMachine {
     shift: f64,
     /// Both have measured something, so that the shift rests on this very state.
     shared: bool,
+    /// The range in which a single measurement there is believed.
+    reach: Option<(f64, f64)>,
 }
 
 /// The logarithm of a configuration's cost by the measurements of one level.
@@ -74,6 +78,8 @@ struct OtherMachines<'a> {
     state: StateId,
     default: &'a Configuration,
     peers: Vec<OtherMachine>,
+    /// The range in which a single measurement of the asking machine is believed.
+    reach: Option<(f64, f64)>,
 }
 
 fn log(cost: f64) -> f64 {
@@ -88,12 +94,20 @@ fn noise_2(states: &States, state: StateId) -> f64 {
 }
 
 impl OtherMachine {
-    fn of(states: &States, default: &Configuration, state: StateId, other: StateId) -> Self {
+    fn of(
+        states: &States,
+        default: &Configuration,
+        (state, own_reach): (StateId, Option<(f64, f64)>),
+        other: StateId,
+    ) -> Self {
         let own = &states[state];
+        let reach = states.results(other).reach();
         let best = own.results.ranked().take(SHARED).filter(|record| record.configuration != *default);
         let (mut sum, mut weight) = (0.0, 0.0);
-        for record in best.chain(states.results(state).ran(default)) {
-            if let Some(there) = states.results(other).ran(&record.configuration) {
+        let known = best.chain(states.results(state).ran(default));
+        for record in known.filter(|record| !record.is_doubtful(own_reach)) {
+            let there = states.results(other).ran(&record.configuration);
+            if let Some(there) = there.filter(|there| !there.is_doubtful(reach)) {
                 let (here, elsewhere) = (record.measurements as f64, there.measurements as f64);
                 let share = here * elsewhere / (here + elsewhere);
                 sum += share * (log(record.mean_cost) - log(there.mean_cost));
@@ -108,6 +122,7 @@ impl OtherMachine {
             level: machines.level(own.machine, machine),
             shift: if weight > 0.0 { sum / weight } else { far },
             shared: weight > 0.0,
+            reach,
         }
     }
 }
@@ -116,8 +131,9 @@ impl<'a> OtherMachines<'a> {
     fn of(states: &'a States, default: &'a Configuration, state: StateId) -> Self {
         let others = states.siblings(state).iter().copied();
         let others = others.filter(|&other| states.results(other).best().is_some());
-        let peers = others.map(|other| OtherMachine::of(states, default, state, other)).collect();
-        OtherMachines { states, state, default, peers }
+        let reach = states.results(state).reach();
+        let peers = others.map(|other| OtherMachine::of(states, default, (state, reach), other)).collect();
+        OtherMachines { states, state, default, peers, reach }
     }
 
     fn is_empty(&self) -> bool {
@@ -128,7 +144,8 @@ impl<'a> OtherMachines<'a> {
     fn by_level(&self, level: MachineLevel, configuration: &Configuration) -> Option<LevelEstimate> {
         let (mut sum, mut precision, mut machines, mut measurements) = (0.0, 0.0, 0, 0);
         for peer in self.peers.iter().filter(|peer| peer.level == level) {
-            if let Some(record) = self.states.results(peer.state).ran(configuration) {
+            let ran = self.states.results(peer.state).ran(configuration);
+            if let Some(record) = ran.filter(|record| !record.is_doubtful(peer.reach)) {
                 let own = record.measurements as f64 / noise_2(self.states, peer.state);
                 sum += own * (log(record.mean_cost) + peer.shift);
                 precision += own;
@@ -145,11 +162,17 @@ impl<'a> OtherMachines<'a> {
         [MachineLevel::Group, MachineLevel::Fleet].map(|level| (level, self.by_level(level, configuration)))
     }
 
+    /// The asking machine's own result of a configuration, unless it is doubtful.
+    fn believed(&self, configuration: &Configuration) -> Option<&'a Record> {
+        let ran = self.states.results(self.state).ran(configuration);
+        ran.filter(|record| !record.is_doubtful(self.reach))
+    }
+
     /// The estimate of a configuration's cost here from all its measurements; `None` where it has none.
     fn pooled(&self, baseline: Option<f64>, configuration: &Configuration) -> Option<PooledEstimate> {
         let (machines, machine) = (&self.states.machines, self.states[self.state].machine);
         let mut sources = Vec::with_capacity(3);
-        if let Some(own) = self.states.results(self.state).ran(configuration) {
+        if let Some(own) = self.believed(configuration) {
             let (mean, measurements) = (log(own.mean_cost), own.measurements);
             let variance = noise_2(self.states, self.state) / measurements as f64;
             sources
@@ -179,7 +202,7 @@ impl<'a> OtherMachines<'a> {
     /// as far as is known.
     fn best(&self, filter: impl Fn(&Configuration) -> bool) -> Option<(&'a Configuration, PooledEstimate)> {
         let (states, state) = (self.states, self.state);
-        let baseline = states.results(state).ran(self.default).map(|record| log(record.mean_cost));
+        let baseline = self.believed(self.default).map(|record| log(record.mean_cost));
         let baseline = baseline.or_else(|| {
             let estimates = self.by_levels(self.default).into_iter();
             estimates.filter_map(|(_, estimate)| estimate).map(|estimate| estimate.mean).next()
