@@ -327,7 +327,8 @@ impl Job<'_> {
         let (cost, default_cost) = costs;
         let view = self.spec.objective.view();
         let (value, default_value) = (view.maximum(cost), default_cost.and_then(|cost| view.maximum(cost)));
-        Winner { configuration, cost, default_cost, value, default_value, command, source }
+        let standing = None;
+        Winner { configuration, cost, default_cost, value, default_value, command, source, standing }
     }
 }
 
@@ -515,7 +516,8 @@ impl Session<'_> {
         let study = job.study.identified_name();
         if let Some(best) = job.daemon.ask_once(|client| client.best(&study, &job.indicators)) {
             let costs = (best.cost, best.default_cost);
-            return Some(job.winner_of(best.configuration, costs, WinnerSource::Service));
+            let winner = job.winner_of(best.configuration, costs, WinnerSource::Service);
+            return Some(Winner { standing: best.standing, ..winner });
         }
         let (configuration, cost) = self.own.best()?;
         let costs = (cost, self.own.mean_cost(&job.default));

@@ -2,8 +2,8 @@
 
 use std::collections::BTreeMap;
 
-use serde::Serialize;
-use treewright_client::{Configuration, CostView, ObjectiveTerm, ParetoFront, StudySpec};
+use serde::{Serialize, Serializer};
+use treewright_client::{Configuration, CostView, ObjectiveTerm, ParetoFront, Standing, StudySpec};
 
 use super::pairs::Gain;
 use super::shell_words;
@@ -67,6 +67,9 @@ pub(super) struct Winner {
     pub(super) default_value: Option<f64>,
     pub(super) command: Vec<String>,
     pub(super) source: WinnerSource,
+    /// The service's verdict on it; after pairs they have the last word.
+    #[serde(rename = "status", serialize_with = "in_short", skip_serializing_if = "Option::is_none")]
+    pub(super) standing: Option<Standing>,
 }
 
 /// The source of the best configuration.
@@ -131,6 +134,9 @@ impl Summary {
             text += " (by this call's runs alone, because the daemon cannot be asked)";
         }
         text.push('\n');
+        if let Some(standing) = &best.standing {
+            text += &format!("{}\n", standing.sentence_by(&self.view));
+        }
         if let Some(confirmed) = &self.confirmation {
             text += &confirmed.words(best.configuration == confirmed.configuration, &self.view);
         }
@@ -229,6 +235,11 @@ impl OwnRuns {
     }
 }
 
+#[allow(clippy::ref_option)] // serde hands over a reference to the field
+fn in_short<S: Serializer>(standing: &Option<Standing>, serializer: S) -> Result<S::Ok, S::Error> {
+    standing.map(|standing| standing.in_short()).serialize(serializer)
+}
+
 #[allow(clippy::trivially_copy_pass_by_ref)] // serde hands over a reference
 fn is_none(count: &u64) -> bool {
     *count == 0
@@ -236,4 +247,48 @@ fn is_none(count: &u64) -> bool {
 
 fn mean(costs: &[f64]) -> f64 {
     costs.iter().sum::<f64>() / costs.len() as f64
+}
+
+#[cfg(test)]
+mod tests {
+    use treewright_client::{Confirmation, ConfirmationStage, Space};
+
+    use super::*;
+
+    #[test]
+    fn what_is_shown_and_printed_has_the_verdict_of_every_surface() {
+        let space = Space::builder().integer("x", 1..=9).default(4).build().expect("valid");
+        let spec = StudySpec::builder(space).minimise("loss", 1.0).build().expect("valid");
+        let default = Configuration::from(spec.space.default_configuration());
+        let stage = ConfirmationStage::NothingBetter;
+        let confirmation = Confirmation { stage, rounds: 4, rounds_max: 9, measurements: 16, gain: None };
+        let standing = Standing {
+            cost: 4.0,
+            cost_low: 3.0,
+            cost_high: 5.0,
+            gain: None,
+            nothing_better: true,
+            confirmation,
+            disturbances: 0,
+            gain_at_most: Some(0.02),
+        };
+        let mut summary = Summary::new("s", &spec);
+        summary.best = Some(Winner {
+            configuration: default.clone(),
+            cost: 4.0,
+            default_cost: Some(4.0),
+            value: None,
+            default_value: None,
+            command: vec!["true".to_owned()],
+            source: WinnerSource::Service,
+            standing: Some(standing),
+        });
+        let words = summary.words(&default);
+        assert!(words.ends_with(&format!("loss 4\n{}\n", standing.sentence())), "{words}");
+        let printed = serde_json::to_value(&summary).expect("plain data");
+        assert_eq!(printed["best"]["status"], "nothing better");
+        summary.best = summary.best.map(|best| Winner { standing: None, ..best });
+        assert_eq!(summary.words(&default).lines().count(), 4);
+        assert_eq!(serde_json::to_value(&summary).expect("plain data")["best"].get("status"), None);
+    }
 }
