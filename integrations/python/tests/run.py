@@ -220,6 +220,40 @@ def steering(url: str) -> None:
     assert kinds.policy()["pinned"] == "splitKind=SAH" and kinds.policy()["track_speed"] == "true", kinds.policy()
 
 
+def frozen(url: str) -> None:
+    """Of a frozen study a client gets what ran in its state and works; in a new one what ran in another, or the default."""
+    import treewright
+
+    client = treewright.Client(url, client_id="python-frozen", deadline_ms=20000)
+    space = treewright.Space().integer("leaf", 1, 32, default=8, log=True).integer("window", 1, 15, default=8)
+    policy = {"epsilon": 0.8, "confirm_rounds": 0}
+    study = client.study("python-frozen", space, minimise={"ms": 1.0}, indicators={"size": (0, 100)}, policy=policy)
+    ran, failed = {10: set(), 50: set(), 90: set()}, set()
+
+    def frame(size: int) -> tuple:
+        suggestion = study.suggest({"size": size})
+        assert suggestion.source == "daemon", suggestion.problem
+        values = (suggestion["leaf"], suggestion["window"])
+        # The cheapest lie just beside those that cannot be used.
+        if sum(values) > 24:
+            failed.add(values)
+            suggestion.infeasible("its output grows")
+        else:
+            ran[size].add(values)
+            suggestion.report(ms=60.0 - sum(values))
+        return values
+
+    for each in range(40):
+        frame(90 if each % 4 == 3 else 10)
+    client.flush(20000)
+    assert len(ran[10]) > 4 and len(failed) > 0, (ran, failed)
+    study.freeze()
+    for size in (10, 90, 50):
+        works = set(ran[size]) if ran[size] else {(8, 8), *ran[10], *ran[90]}
+        for _ in range(3):
+            assert frame(size) in works - failed, (size, works, failed)
+
+
 def only_its_own_study(url: str) -> None:
     """A handle goes by the identity of its study: no call of it reaches another that has the name by now."""
     import treewright
@@ -912,6 +946,7 @@ if __name__ == "__main__":
     stubs()
     trials(sys.argv[1])
     steering(sys.argv[1])
+    frozen(sys.argv[1])
     only_its_own_study(sys.argv[1])
     across_a_change_of_the_space(sys.argv[1])
     leases(sys.argv[1])
