@@ -227,8 +227,8 @@ tw_suggestion *tw_study_suggest(const tw_study *study, const tw_number *indicato
 /* A trial of the caller's own configuration, as JSON. Fails: TW_INVALID, TW_REFUSED, TW_AWAY, TW_LATE. */
 tw_suggestion *tw_study_trial_of(const tw_study *study, const tw_number *indicators, size_t count,
                                  const char *configuration_json, tw_error **error);
-/* What would be exploited; *cost, if not NULL, becomes the predicted objective or NaN. Fails: TW_INVALID for wrong indicators,
- * TW_REFUSED, TW_AWAY, TW_LATE. */
+/* What would be exploited; *cost, if not NULL, becomes the predicted objective or NaN. tw_configuration_reason says whether it
+ * was measured for such an input or is only predicted. Fails: TW_INVALID for wrong indicators, TW_REFUSED, TW_AWAY, TW_LATE. */
 tw_configuration *tw_study_predict(const tw_study *study, const tw_number *indicators, size_t count, double *cost,
                                    tw_error **error);
 /* The best known, of all states with count 0; *cost, if not NULL, becomes its mean objective. Fails as tw_study_predict;
@@ -366,6 +366,8 @@ const char *tw_configuration_text(const tw_configuration *configuration, const c
 bool tw_configuration_has(const tw_configuration *configuration, const char *name);
 /* {"quality":2,"split":"sah"}. Borrowed. */
 const char *tw_configuration_json(const tw_configuration *configuration);
+/* Of tw_study_predict why it is the answer, of tw_study_best_standing the verdict, in a sentence; else empty. Borrowed. */
+const char *tw_configuration_reason(const tw_configuration *configuration);
 /* Reads that JSON; asks no daemon. Fails: TW_INVALID. */
 tw_configuration *tw_configuration_new(const char *json, tw_error **error);
 /* For those of tw_configuration_new, tw_study_predict, tw_study_best and tw_study_best_standing; not for borrowed ones. */

@@ -95,6 +95,8 @@ class Known {
   Known(tw_configuration *handle, double cost, const tw_standing &standing = nothing_known())
       : cost(cost), standing(standing), owned_(handle) {}
   ConfigurationView configuration() const { return ConfigurationView(owned_.get()); }
+  // Of Study::predict: whether it was measured for such an input or is only predicted.
+  std::string reason() const { return tw_configuration_reason(owned_.get()); }
   double cost;  // NaN where nothing is known
   // Of Study::best: what is proven, with its intervals; its texts live as long as this. Of others nothing is known.
   tw_standing standing;

@@ -15,7 +15,7 @@ pub(crate) struct Configuration {
     values: treewright_client::Configuration,
     texts: BTreeMap<String, CString>,
     json: CString,
-    /// What is told of it as an answer: status, verdict, and trial.
+    /// What is told of it as an answer: status, verdict or reason, and trial.
     notes: [CString; 3],
 }
 
@@ -116,6 +116,11 @@ pub(crate) extern "C" fn tw_configuration_has(configuration: Option<&Configurati
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_configuration_json(configuration: Option<&Configuration>) -> *const c_char {
     configuration.map_or(c"{}".as_ptr(), |configuration| configuration.json.as_ptr())
+}
+
+#[unsafe(no_mangle)]
+pub(crate) extern "C" fn tw_configuration_reason(configuration: Option<&Configuration>) -> *const c_char {
+    configuration.map_or(c"".as_ptr(), |configuration| configuration.notes[1].as_ptr())
 }
 
 #[unsafe(no_mangle)]

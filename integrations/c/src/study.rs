@@ -88,7 +88,7 @@ pub(crate) extern "C" fn tw_study_predict(
     guard(error, || {
         let known = need(study, "study")?.0.predict(&indicators(numbers, count)?)?;
         put(cost, known.predicted_cost.unwrap_or(f64::NAN))?;
-        Ok(Box::new(Configuration::new(known.configuration)))
+        Ok(Box::new(Configuration::noted(known.configuration, ["", &known.reason.summary, ""])))
     })
 }
 

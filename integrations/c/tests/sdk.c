@@ -358,6 +358,7 @@ static void trials(const tw_client *client) {
   found = tw_study_predict(study, input, 1, &cost, &error);
   succeed(error);
   CHECK(render(found) <= 10);
+  CHECK(tw_configuration_reason(found)[0] && !tw_configuration_reason(NULL)[0]);
   tw_configuration_free(found);
   /* Wrong indicators are told and do not stop a frame. */
   tw_number wrong[] = {{"triangle", 1000}};

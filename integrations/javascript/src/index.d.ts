@@ -171,7 +171,11 @@ export class Study {
   tuner(): Tuner;
   /** A trial of one's own choice. Here and below, a daemon that is still loading the study is asked again until `callDeadlineMs` is over. */
   trialOf(configuration: Configuration, indicators?: Numbers): Promise<Suggestion>;
-  predict(indicators?: Numbers): Promise<{ configuration: Configuration; cost?: number }>;
+  /**
+   * What would be exploited. `mode` is exploit where something is known, here or elsewhere, default where nothing is, pinned where the
+   * policy says so. `reason` says in a sentence whether it was measured for such an input or is only predicted.
+   */
+  predict(indicators?: Numbers): Promise<{ configuration: Configuration; cost?: number; mode: string; reason: string }>;
   /** The best that is known there, or of all states without indicators. Rejects when nothing was measured. */
   best(indicators?: Numbers): Promise<Best>;
   /** The Pareto front of the stored trials, without those that are excluded, ran at a cheaper level, or are outside the present space. */

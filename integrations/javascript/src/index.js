@@ -46,6 +46,8 @@ const LATE_ANSWER_MS = 5000;
 /** A daemon that is still loading the study is asked again after so long. */
 const ASK_AGAIN_MS = 100;
 
+const modeOf = (mode) => `${mode}`.replace("MODE_", "").toLowerCase();
+
 /** By these rules the default is an answer; by others it is measured as a baseline. */
 const SETTLED = ["EXPLOIT", "FINISHED", "FROZEN", "GAIN", "ROLLED_BACK", "SHADOW"].map((rule) => `RULE_${rule}`);
 
@@ -290,7 +292,8 @@ export class Study {
   async predict(indicators = {}) {
     checkIndicators(indicators, this.spec);
     const known = await this.#known("predict", indicators);
-    return { configuration: configurationFromWire(known.configuration), cost: known.predictedCost };
+    const { configuration, predictedCost: cost, mode = "", reason } = known;
+    return { configuration: configurationFromWire(configuration), cost, mode: modeOf(mode), reason: reason?.summary ?? "" };
   }
 
   async best(indicators = {}) {

@@ -189,7 +189,12 @@ async function whileTheStudyIsLoaded(times) {
   const handlers = {
     CreateStudy: ({ request: { study } }, answer) => answer(null, { name: "studies/loading", objective: study.objective }),
     Suggest: onceLoaded(({ wanted, study }) => ({ name: `${study}/trials/1`, configuration: wanted })),
-    Predict: onceLoaded(() => ({ configuration: { values: { leaf: { integer: "5" } } }, predictedCost: 2.5 })),
+    Predict: onceLoaded(() => ({
+      configuration: { values: { leaf: { integer: "5" } } },
+      predictedCost: 2.5,
+      mode: "MODE_EXPLOIT",
+      reason: { summary: "Predicted, not measured here" },
+    })),
     GetBest: onceLoaded(() => ({ configuration: { values: { leaf: { integer: "6" } } }, cost: 1.5 })),
     AbandonTrial: (call, answer) => answer(null, {}),
   };
@@ -204,6 +209,7 @@ async function whileTheStudyIsLoaded(times) {
     asked = 0;
     const known = await ask();
     assert.deepEqual([known.configuration.leaf, known.cost, asked], [leaf, cost, times + 1]);
+    if (leaf === 5) assert.deepEqual([known.mode, known.reason], ["exploit", "Predicted, not measured here"]);
   }
   client.options.callDeadlineMs = 300;
   [asked, times] = [0, Infinity];
