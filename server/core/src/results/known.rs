@@ -33,6 +33,13 @@ impl ResultTable {
         self.noise().unwrap_or(NOISE_PRIOR).clamp(NOISE_LEAST, NOISE_MAX)
     }
 
+    /// The best measured configuration that can be run, without those that were measured once, far from all
+    /// others.
+    pub(crate) fn believed_best(&self) -> Option<&Record> {
+        let reach = self.reach();
+        self.ranked().find(|record| !record.is_doubtful(reach))
+    }
+
     /// The `best` best of the ranked records, `others` of the rest, evenly spread over their ranks, and those
     /// of the named configurations, in the order of the ranking; all where there are no more.
     pub(crate) fn spread(&self, best: usize, others: usize, named: &[&Configuration]) -> Vec<&Record> {

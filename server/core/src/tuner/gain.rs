@@ -64,10 +64,12 @@ impl GainEvidence<'_> {
         Prospect { gain, frames, exploring_cost, trials }
     }
 
-    /// Whether a configuration does clearly worse in a state than the best measured one.
+    /// Whether a configuration does clearly worse in a state than the best measured one. What was measured
+    /// once, far below all others, is no best.
     pub(super) fn does_clearly_worse(&self, state: StateId, configuration: &Configuration) -> bool {
         let results = self.states.results(state);
-        let (Some(own), Some(best)) = (results.record(configuration), results.best()) else { return false };
+        let best = results.believed_best();
+        let (Some(own), Some(best)) = (results.record(configuration), best) else { return false };
         // One frame is no evidence.
         if own.measurements < 2 || best.configuration == *configuration {
             return false;

@@ -113,7 +113,8 @@ impl Tuner {
         fingerprint: Option<&Fingerprint>,
     ) -> Result<Option<StateId>, TunerError> {
         checks::fingerprint(fingerprint)?;
-        let best_of = |state: &StateId| self.states.results(*state).best().map(|best| best.mean_cost);
+        let best_of =
+            |state: &StateId| self.states.results(*state).believed_best().map(|best| best.mean_cost);
         match indicators {
             Some(indicators) => {
                 let state = self.recognise_for(fingerprint, &self.spec.indicators.normalise(indicators)?);

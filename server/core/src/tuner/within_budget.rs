@@ -9,6 +9,8 @@ use crate::decision::{
 };
 use crate::ids::{StateId, TrialNumber};
 use crate::policy::ABORT_ABOVE_STOPPABLE;
+use crate::results::{Record, ResultTable};
+use crate::robust::is_torn;
 use crate::tuner::budget::{Denied, Terms};
 use crate::tuner::explore::Explored;
 use crate::tuner::plan::Planned;
@@ -34,8 +36,8 @@ impl Tuner {
             let own = ask.session_policy.abort_above.or(policy.abort_above);
             let factor = own.or(ask.can_abort.then_some(ABORT_ABOVE_STOPPABLE));
             let pace = self.pace_of(&ask.client_id);
-            let best = self.states.results(state).best().map(|best| (best.mean_cost * pace).min(f64::MAX));
-            let cap = factor.zip(best);
+            let reference = reference(self.states.results(state));
+            let cap = factor.zip(reference.map(|cost| (cost * pace).min(f64::MAX)));
             let explored = self.explore((ask, room), state, number, normalised, planned);
             let (mut budget, mut abort_above) = (BudgetStatus::default(), None);
             if let (true, Some((factor, reference))) = (explored.explores(), cap) {
@@ -112,6 +114,16 @@ impl Tuner {
         }
         self.best_known(state, planned)
     }
+}
+
+/// The cost beside which exploring trials are too dear: the best known, unless that is a single measurement
+/// so far below the next that it was perhaps read wrongly. By that every trial would be stopped at once, and
+/// the one that measures it again, too.
+fn reference(results: &ResultTable) -> Option<f64> {
+    let mut ranked = results.ranked();
+    let (best, next) = (ranked.next()?, ranked.next());
+    let is_mistaken = |next: &&Record| best.measurements == 1 && is_torn(best.mean_cost, next.mean_cost);
+    Some(next.filter(is_mistaken).unwrap_or(best).mean_cost)
 }
 
 fn answer(

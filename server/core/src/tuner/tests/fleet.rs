@@ -259,6 +259,8 @@ fn one_absurd_report_of_a_machine_or_a_state_decides_for_no_other() {
             (0..2).for_each(|_| tell(&mut study, &ask("a", x, 0.5), &usual));
             tell(&mut study, &ask("a", x, 0.5), &[(0.95, middling)]);
         }
+        let best = study.best(None, None).expect("valid").expect("measured");
+        assert_eq!(best.state_id, 1, "the two cost the same but for what was read wrongly");
         let answer = suggest(&mut study, "b", 0.25, 0.9);
         assert_eq!(answer.reason().source, "portfolio");
         assert_eq!(answer.configuration, good(&study), "{absurd:e}");

@@ -74,6 +74,23 @@ fn one_absurd_report_changes_no_answer_for_longer_than_ten_frames() {
     }
 }
 
+/// A client that stops what costs four times the best.
+#[test]
+fn one_absurd_report_stops_no_later_trial() {
+    for (at, wild) in [(3, 0.0), (3, 1e-300), (9, 1e-9), (20, 0.0)] {
+        let policy =
+            Policy { epsilon: 1.0, trials_per_state: 60, abort_above: Some(4.0), ..Policy::default() };
+        let mut tuner = tuner(policy);
+        for frame in 0..80 {
+            let trial = suggest(&mut tuner, "a", 0.5, 0.5);
+            let cost = if frame == at { wild } else { near(&trial) };
+            let cap = trial.decision.abort_above().unwrap_or(f64::INFINITY);
+            assert!(cost <= cap, "{wild:e} at {at}: frame {frame} of {cost} is stopped at {cap:e}");
+            assert!(tuner.report(&trial, measured(cost), Outcome::Ok, 1).is_ok());
+        }
+    }
+}
+
 /// In worlds where everything costs the same, the number of those in which a trial of the race was stopped,
 /// and in which the default stayed the answer. `stops` says whether a trial of the race is stopped, and its
 /// bound, by whether it runs the default and whether another one was stopped before.
