@@ -314,7 +314,7 @@ impl Tuner {
             });
         }
         // The state was not assessed yet, and there is no time for it now.
-        let record = results.best()?;
+        let record = results.believed_best()?;
         Some(Answered {
             configuration: record.configuration.clone(),
             cost: record.mean_cost,

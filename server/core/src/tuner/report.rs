@@ -182,7 +182,7 @@ impl Tuner {
         }
         let has_failed = matches!(trial.outcome, Some(Outcome::Failed { .. })) || verdict.is_none();
         if trial.decision.explores() && !has_failed {
-            let best = self.states.results(state).best().map(|best| best.mean_cost);
+            let best = self.states.results(state).believed_best().map(|best| best.mean_cost);
             if let Some(best) = best.filter(|&best| best > 0.0) {
                 self.history.explored(trial.cost.map(|cost| cost / best - 1.0));
             }
