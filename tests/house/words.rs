@@ -1,6 +1,10 @@
-//! One word, one meaning: in a crate, no two types that are seen beyond their files have one name.
+//! One word, one meaning: in a crate, no two types that are seen beyond their files have one name, and
+//! verdicts have the same words on all surfaces.
 
 use std::collections::BTreeMap;
+
+use treewright_client::{StandingVerdict, Word as _};
+use treewright_tests::programs::workspace;
 
 use super::tidiness::rust_files;
 
@@ -68,4 +72,20 @@ fn a_name_means_one_type_in_a_crate() {
         problems.extend(places.into_iter().map(|(name, places)| format!("{name}: {}", places.join(", "))));
     }
     assert!(problems.is_empty(), "rename all but one, or say why not in FORMS: {problems:#?}");
+}
+
+/// Surfaces that cannot take the words from the model's table.
+#[test]
+fn verdicts_have_the_words_of_the_one_table() {
+    for place in [
+        "docs/concepts.md",
+        "integrations/c/include/treewright.h",
+        "integrations/javascript/src/index.d.ts",
+        "integrations/javascript/src/wire.js",
+    ] {
+        let text = std::fs::read_to_string(workspace().join(place)).expect("a file of the workspace");
+        for (verdict, _) in StandingVerdict::WORDS {
+            assert!(text.contains(verdict.in_short()), "{place} lacks {:?}", verdict.in_short());
+        }
+    }
 }
