@@ -387,7 +387,7 @@ impl Tuner {
         let state = state.into();
         let known = self.states.contains(state).then(|| self.states.results(state))?;
         let assessed = self.assessments.of(state).map(|made| made.cost);
-        known.best().map(|best| assessed.unwrap_or(best.mean_cost))
+        known.believed_best().map(|best| assessed.unwrap_or(best.mean_cost))
     }
 
     // The study.
