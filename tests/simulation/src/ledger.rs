@@ -124,14 +124,16 @@ impl Ledger {
                 self.wrong(at_ms, what);
             }
             (_, Err(status)) => self.refused(at_ms, request, status.code(), status.message()),
-            (Request::Suggest(_), Ok(Answer::Trial(trial))) => self.suggested(at_ms, client, trial, durable),
-            (Request::Frame(..), Ok(Answer::Frame(reported, suggested))) => {
+            (Request::Suggest(question), Ok(Answer::Trial(trial))) => {
+                self.suggested(at_ms, client, question, trial, durable);
+            }
+            (Request::Frame(_, question), Ok(Answer::Frame(reported, suggested))) => {
                 match reported {
                     Ok(reported) => self.reported(at_ms, reported, durable),
                     Err(code) => self.refused(at_ms, request, *code, "report"),
                 }
                 match suggested {
-                    Ok(trial) => self.suggested(at_ms, client, trial, durable),
+                    Ok(trial) => self.suggested(at_ms, client, question, trial, durable),
                     Err(code) => self.refused(at_ms, request, *code, "suggest"),
                 }
             }
@@ -170,7 +172,14 @@ impl Ledger {
         }
     }
 
-    fn suggested(&mut self, at_ms: i64, client: u32, trial: &wire::Trial, durable: &Durable) {
+    fn suggested(
+        &mut self,
+        at_ms: i64,
+        client: u32,
+        question: &wire::SuggestRequest,
+        trial: &wire::Trial,
+        durable: &Durable,
+    ) {
         self.counts.suggestions += 1;
         let number = number(&trial.name);
         if trial.client_id != client_name(client) {
@@ -194,6 +203,24 @@ impl Ledger {
         if is_gone && !self.removed.contains(&number) {
             self.wrong(at_ms, format!("trial {number} was handed out and is not stored"));
         }
+        let never_explores = question.session_policy.as_ref().is_some_and(|own| own.epsilon == Some(0.0));
+        if never_explores && !self.ran(trial, durable) {
+            let what =
+                format!("client {client} never explores, and nobody has run trial {number}'s configuration");
+            self.wrong(at_ms, what);
+        }
+    }
+
+    /// Whether a trial has the default, or a configuration that ran to its end before.
+    fn ran(&self, trial: &wire::Trial, durable: &Durable) -> bool {
+        let is_same = |handed: &wire::Configuration| Some(handed) == trial.configuration.as_ref();
+        let has_run = |number: &u64| {
+            let stored = now(durable.store.get_trial("world", *number));
+            stored.is_ok_and(|stored| stored.state == TrialState::Completed && stored.cost.is_some())
+        };
+        let mut alike = self.handed.iter().filter(|(_, (_, handed))| is_same(handed));
+        trial.mode == wire::Mode::Default as i32
+            || alike.any(|(number, _)| self.removed.contains(number) || has_run(number))
     }
 
     fn reported(&mut self, at_ms: i64, response: &wire::ReportResponse, durable: &Durable) {
