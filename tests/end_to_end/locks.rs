@@ -5,9 +5,6 @@
 use std::collections::BTreeMap;
 use std::os::unix::fs::MetadataExt as _;
 use std::path::{Path, PathBuf};
-use std::process::Command;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use prost_types::FieldMask;
@@ -15,11 +12,11 @@ use tonic::transport::Channel;
 use treewright_proto::v1 as pb;
 use treewright_tests::daemon::Daemon;
 use treewright_tests::ports::lasting_address;
-use treewright_tests::programs::{run, stderr, stdout, token};
+use treewright_tests::programs::{run, stderr, token};
 
 use crate::dashboard::get;
-use crate::guard::{self, Caller, in_force, until};
-use crate::site::{Site, assert_sound, path_text};
+use crate::guard::{self, Caller, in_force};
+use crate::site::{Site, path_text};
 use crate::wire;
 
 /// Bytes of which SQLite keeps a shared lock in the database while it is open in the mode of a write-ahead
@@ -199,96 +196,4 @@ async fn no_request_costs_the_daemon_its_locks() {
         held(daemon, &database, "SIGHUP");
     }
     assert!(site.daemon.terminate().success());
-}
-
-/// Runs a statement in another program, as the shell of SQLite does: the answers, in lines.
-pub(crate) fn other_program(database: &Path, statement: &str) -> String {
-    let script = "import sqlite3, sys\n\
-                  c = sqlite3.connect(sys.argv[1], isolation_level=None, timeout=20)\n\
-                  for row in c.execute(sys.argv[2]): print(*row)\n\
-                  c.close()";
-    let output = Command::new("python3").args(["-c", script]).arg(database).arg(statement).output();
-    let output = output.expect("python3 runs");
-    assert!(output.status.success(), "{statement}: {}", stderr(&output));
-    stdout(&output)
-}
-
-/// Frames of one client until `is_over` is set: the names of the trials with an acknowledged report.
-async fn frames(mut client: Caller, study: String, number: u32, is_over: Arc<AtomicBool>) -> Vec<String> {
-    let mut acknowledged = Vec::new();
-    for step in 0u32.. {
-        if is_over.load(Ordering::Relaxed) {
-            break;
-        }
-        let near = f64::from(number) / 8.0 + f64::from(step / 30 % 3) / 40.0;
-        let asked = client.suggest(wire::suggestion(&study, &format!("client-{number}"), near)).await;
-        let trial = match asked {
-            Ok(trial) => trial.into_inner(),
-            // The study is read for as long as that takes.
-            Err(status) if status.message().contains("is being loaded") => {
-                tokio::time::sleep(Duration::from_millis(100)).await;
-                continue;
-            }
-            Err(status) => panic!("a trial, whoever reads beside: {status}"),
-        };
-        client.report(wire::report(&trial)).await.expect("stored, whoever reads beside");
-        acknowledged.push(trial.name);
-    }
-    acknowledged
-}
-
-/// Other programs may look into the database of a daemon under load, and delete its checkpoints as
-/// `docs/operations.md` says.
-#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn who_reads_beside_a_loaded_daemon_loses_it_nothing() {
-    let folder = tempfile::tempdir().expect("a scratch folder");
-    let database = folder.path().join("tuning.db");
-    let start = || Daemon::start_with(&database, &["--tokens"], &folder.path().join("log"));
-    let mut daemon = start();
-    let admin = token(&database, &["--scope", "admin"]);
-    let mut acknowledged = Vec::new();
-    for round in 0..3 {
-        let mut owner = caller(daemon.url(), Some(&admin)).await;
-        let create = pb::CreateStudyRequest { study_id: "beside".into(), study: Some(wire::study()) };
-        let created = async || owner.create_study(create.clone()).await;
-        until("the token comes into force", created, Result::is_ok).await;
-        let is_over = Arc::new(AtomicBool::new(false));
-        let mut clients = tokio::task::JoinSet::new();
-        for number in 0..4 {
-            let caller = caller(daemon.url(), Some(&admin)).await;
-            clients.spawn(frames(caller, "studies/beside".to_owned(), number, Arc::clone(&is_over)));
-        }
-        let asking = database.clone();
-        let asked = tokio::task::spawn_blocking(move || {
-            for number in 0..8 {
-                other_program(&asking, "SELECT count(*) FROM trials");
-                if number % 4 == 3 {
-                    other_program(&asking, "DELETE FROM checkpoints");
-                }
-            }
-        });
-        asked.await.expect("it is answered");
-        is_over.store(true, Ordering::Relaxed);
-        while let Some(ended) = clients.join_next().await {
-            acknowledged.extend(ended.expect("no client is refused"));
-        }
-        held(&daemon, &database, "other programs");
-        // In turns an orderly end and none.
-        if round % 2 == 0 {
-            assert!(daemon.terminate().success());
-        } else {
-            daemon.kill();
-        }
-        assert_eq!(other_program(&database, "PRAGMA integrity_check").trim(), "ok");
-        daemon = start();
-    }
-    let completed = other_program(&database, "SELECT number FROM trials WHERE state = 'COMPLETED'");
-    let stored: std::collections::BTreeSet<&str> = completed.lines().collect();
-    let number = |name: &String| name.rsplit('/').next().map(str::to_owned).expect("a number");
-    let lost: Vec<_> = acknowledged.iter().filter(|name| !stored.contains(&*number(name))).collect();
-    println!("{} reports acknowledged, {} lost", acknowledged.len(), lost.len());
-    assert!(acknowledged.len() > 100, "only {} reports", acknowledged.len());
-    assert!(lost.is_empty(), "{lost:?}");
-    assert!(daemon.terminate().success());
-    assert_sound(&database);
 }

@@ -3,7 +3,8 @@
 //! is lost, no trial is handed to two clients, and every restart works by itself. The study has the default
 //! policy, and the daemons ask for tokens. Half of the clients make calls and begin a new session now and
 //! then, the other half keep a Tune stream open. Another program reads the database all the while: it opens
-//! the file, counts and closes it, again and again.
+//! the file, counts and closes it, again and again. The first of the kills is an orderly end, which saves
+//! checkpoints; they are deleted before the second, as `docs/operations.md` says.
 //!
 //! A dozen kills and two stops in a usual run;
 //! `TREEWRIGHT_STORM_KILLS=1000 TREEWRIGHT_STORM_STOPS=100 cargo test --release -p treewright-tests --test end_to_end storm -- --nocapture`
@@ -11,6 +12,7 @@
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
+use std::process::Command;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
@@ -28,7 +30,7 @@ use treewright_tests::ports::lasting_address;
 use treewright_tests::programs::{run, stderr, token};
 
 use crate::guard::{self, Caller, in_force};
-use crate::locks::other_program;
+use crate::site::assert_sound;
 use crate::wire;
 
 const STUDY: &str = "storm";
@@ -267,6 +269,17 @@ fn start(database: &Path, address: &str) -> Daemon {
     Daemon::start_at_with(database, address, &["--tokens"])
 }
 
+/// Runs a statement in another program, as the shell of SQLite does.
+fn other_program(database: &Path, statement: &str) {
+    let script = "import sqlite3, sys\n\
+                  c = sqlite3.connect(sys.argv[1], isolation_level=None, timeout=20)\n\
+                  c.execute(sys.argv[2]).fetchall()\n\
+                  c.close()";
+    let output = Command::new("python3").args(["-c", script]).arg(database).arg(statement).output();
+    let output = output.expect("python3 runs");
+    assert!(output.status.success(), "{statement}: {}", stderr(&output));
+}
+
 /// Reads a database again and again until the storm is over, by a program that is started again each time: a
 /// file as any program that knows SQLite does it, PostgreSQL by way of its tokens.
 fn read_beside(database: PathBuf, storm: Arc<Storm>) -> u32 {
@@ -367,13 +380,22 @@ async fn rage(database: &Path, replicas: usize) {
         let share = (f64::from(kill + 1) * 0.618_033_988_749_895).fract();
         tokio::time::sleep(Duration::from_millis(5 + (share * 400.0) as u64)).await;
         let victim = kill as usize % replicas;
-        weather.daemons.remove(victim).kill();
+        if kill == 1 && database.exists() {
+            other_program(database, "DELETE FROM checkpoints");
+        }
+        match (kill, weather.daemons.remove(victim)) {
+            (0, daemon) => assert!(daemon.terminate().success()),
+            (_, daemon) => daemon.kill(),
+        }
         let started = Instant::now();
         weather.daemons.insert(victim, start(database, &addresses[victim]));
         longest_start = longest_start.max(started.elapsed());
     }
     println!("longest start {} ms", longest_start.as_millis());
     weather.end("kills", kills).await;
+    if database.exists() {
+        assert_sound(database);
+    }
 }
 
 /// Stops whichever daemon holds the study until another one answers in its place, then lets it go on.
