@@ -73,7 +73,9 @@ async fn clients_outlive_killed_daemons_and_a_restarted_database() {
             daemons.insert(victim, Daemon::start_at(path, &addresses[victim]));
         }
     }
-    tokio::time::sleep(Duration::from_millis(600)).await;
+    // The last one does not come back: whoever uses it goes on with another.
+    daemons.remove(0).kill();
+    tokio::time::sleep(Duration::from_millis(1200)).await;
     stop.send(true).expect("the renderers listen");
 
     let mut handed_out = BTreeMap::new();
@@ -89,7 +91,7 @@ async fn clients_outlive_killed_daemons_and_a_restarted_database() {
             assert_eq!(owner, number, "{trial} was handed out twice");
         }
     }
-    let client = Client::connect(&urls.join(","), Options::new()).expect("good addresses");
+    let client = Client::connect(daemons[0].url(), Options::new()).expect("a good address");
     let mut stored = BTreeSet::new();
     for number in 0..STUDIES {
         stored.extend(completed(&client, &format!("hall-{number}")).await);
@@ -111,39 +113,6 @@ async fn completed(client: &Client, study: &str) -> BTreeSet<String> {
         names.insert(trial.name);
     }
     names
-}
-
-#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_client_with_two_addresses_loses_no_frame_when_the_one_in_use_is_killed() {
-    let database = Database::create().await;
-    let path = Path::new(database.url());
-    let (in_use, other) = (Daemon::start(path), Daemon::start(path));
-    let (stop, stopped) = tokio::sync::watch::channel(false);
-    let both = format!("{},{}", in_use.url(), other.url());
-    let renderer = tokio::spawn(render(both, 0, stopped));
-    let watching = Client::connect(other.url(), Options::new()).expect("a good address");
-    let until = async |count: usize| {
-        for _ in 0..1500 {
-            // The study is there once the renderer has made it.
-            let found = watching.trials("hall-0", TrialQuery::all()).next().await;
-            if found.is_ok() && completed(&watching, "hall-0").await.len() >= count {
-                return;
-            }
-            tokio::time::sleep(Duration::from_millis(20)).await;
-        }
-        panic!("there are never {count} completed trials");
-    };
-    until(20).await;
-    in_use.kill();
-    let before = completed(&watching, "hall-0").await.len();
-    until(before + 20).await;
-    stop.send(true).expect("the renderer listens");
-
-    let (_, trials, stats) = renderer.await.expect("the renderer ends well");
-    assert_eq!((stats.dropped, stats.refused, stats.queued), (0, 0, 0), "{stats:?}");
-    let handed_out: BTreeSet<String> = trials.iter().map(|name| plain(name)).collect();
-    assert_eq!(completed(&watching, "hall-0").await, handed_out, "every frame that was tuned is stored");
-    assert!(other.terminate().success());
 }
 
 #[test]
