@@ -44,58 +44,18 @@ fn is_alive(number: &str) -> bool {
 }
 
 #[test]
-fn a_run_whose_last_line_has_no_number_has_no_result() {
+fn values_without_a_number_do_not_end_the_search_and_are_told() {
     let bench = Site::new();
-    for last in ["{\"loss\": NaN}", "{\"loss\": null}", "{\"acc\": 1}", "{\"loss\": \"0.5\"}"] {
-        let script = format!("echo '{{\"loss\": 0.25}}'; echo '{last}'; : {{x}}");
-        let output = bench.exec("earlier", &["--trials", "3"], &script);
-        assert_eq!(output.status.code(), Some(1), "{last}: {}", stderr(&output));
-        assert!(stderr(&output).contains("loss is"), "{last}: {}", stderr(&output));
-        assert_eq!(bench.count("earlier", "state = COMPLETED"), 0, "{last}");
-    }
-}
-
-#[test]
-fn values_without_a_number_do_not_end_the_search() {
-    let bench = Site::new();
-    for (study, word) in [("nan", "NaN"), ("infinity", "-Infinity"), ("null", "null"), ("large", "1e999")] {
-        let script = format!(
-            "if [ {{x}} -gt 5 ]; then echo '{{\"loss\": {word}}}'; else echo '{{\"loss\": {{x}}.5}}'; fi"
-        );
-        let output = bench.exec(study, &["--trials", "12"], &script);
-        let done = json(&output);
-        assert_eq!(done["trials"], 12, "{done}");
-        assert!(done["failed"].as_u64() > Some(0), "{done}");
-        assert_eq!(done["best"]["configuration"]["x"], 1, "{done}");
-        assert_eq!(done["best"]["cost"], 1.5, "{done}");
-        assert_eq!(bench.count(study, "outcome = OK AND config.x > 5"), 0);
-        assert!(
-            stderr(&output).contains(&format!("loss is {word}")),
-            "the reason is told: {}",
-            stderr(&output)
-        );
-    }
-}
-
-#[test]
-fn numbers_that_cannot_be_reported_are_left_out_and_told_once() {
-    let bench = Site::new();
-    let many: Vec<_> = (0..100).map(|number| format!("\\\"n{number}\\\": 1")).collect();
-    for (study, further, shown) in [
-        ("capitals", "\\\"Throughput\\\": 3", "Throughput"),
-        ("dots", "\\\"cpu.user\\\": 3", "cpu.user"),
-        ("dashes", "\\\"p99-ms\\\": 3", "p99-ms"),
-        ("negative", "\\\"temperature\\\": -3", "temperature"),
-        ("words", "\\\"ratio\\\": NaN", "ratio"),
-        ("many", &many.join(", "), "64 measurements"),
-    ] {
-        let script = format!("echo \"{{\\\"loss\\\": {{x}}.5, {further}}}\"");
-        let output = bench.exec(study, &["--trials", "4"], &script);
-        assert_eq!(json(&output)["trials"], 4, "{study}");
-        assert_eq!(bench.count(study, "outcome = OK"), 4, "{study}");
-        assert_eq!(stderr(&output).matches("left out").count(), 1, "{study}: {}", stderr(&output));
-        assert!(stderr(&output).contains(shown), "{study}: {}", stderr(&output));
-    }
+    let script = r#"l={x}.5; [ {x} -gt 5 ] && l=NaN; echo "{\"loss\": $l, \"Throughput\": 3}""#;
+    let output = bench.exec("nan", &["--trials", "12"], script);
+    let (done, said) = (json(&output), stderr(&output));
+    assert_eq!(done["trials"], 12, "{done}");
+    assert!(done["failed"].as_u64() > Some(0), "{done}");
+    assert_eq!(done["best"]["configuration"]["x"], 1, "{done}");
+    assert_eq!(done["best"]["cost"], 1.5, "{done}");
+    assert_eq!(bench.count("nan", "outcome = OK AND config.x > 5"), 0);
+    assert!(said.contains("loss is NaN") && said.contains("Throughput"), "{said}");
+    assert_eq!(said.matches("left out").count(), 1, "{said}");
 }
 
 #[test]
@@ -172,39 +132,27 @@ fn helpers_that_stay_hold_nobody_up() {
 #[test]
 fn who_is_interrupted_shows_what_was_found() {
     let bench = Site::new();
-    let runs = bench.path("runs");
-    let script = format!(
-        "echo >> {runs}; [ $(wc -l < {runs}) -lt 4 ] || {{ setsid sleep 30 & sleep 30; }}; echo '{{\"loss\": {{x}}}}'"
-    );
-    let child = exec(bench.url(), "stopped", &[], &script).spawn().expect("the program starts");
-    wait_until("the fourth run begins", || numbers(&runs).len() == 4);
-    std::thread::sleep(Duration::from_millis(200));
-    let begin = Instant::now();
-    signal(&child, "INT");
-    let output = child.wait_with_output().expect("it ends");
-    assert!(begin.elapsed() < Duration::from_secs(5), "{:?}", begin.elapsed());
-    let done = json(&output);
-    assert_eq!((&done["trials"], &done["end"]), (&Value::from(3), &Value::from("interrupted")));
-    assert!(done["best"]["cost"].as_f64().is_some(), "{done}");
-    assert_eq!(bench.count("stopped", "state = OPEN"), 0, "the trial is given back");
-}
-
-#[test]
-fn who_is_interrupted_while_pairs_run_is_told_so_beside_those_that_ran() {
-    let bench = Site::new();
-    let runs = bench.path("runs");
-    // Five trials, two pairs, and a run that does not end.
-    let script =
-        format!("echo >> {runs}; [ $(wc -l < {runs}) -lt 10 ] || sleep 30; echo '{{\"loss\": {{x}}}}'");
-    let more = ["--trials", "5", "--confirm=20"];
-    let child = exec(bench.url(), "paired", &more, &script).spawn().expect("the program starts");
-    wait_until("the third pair begins", || numbers(&runs).len() == 10);
-    std::thread::sleep(Duration::from_millis(200));
-    signal(&child, "INT");
-    let done = json(&child.wait_with_output().expect("it ends"));
-    assert_eq!((&done["trials"], &done["end"]), (&Value::from(5), &Value::from("interrupted")));
-    assert_eq!(done["confirmation"]["pairs"], 2, "{done}");
-    assert_eq!(bench.count("paired", "state = OPEN"), 0, "the trial is given back");
+    // After three trials, and after five with two pairs, comes a run that does not end.
+    let sessions: [(&str, &[&str], usize, u64, Option<u64>); 2] =
+        [("stopped", &[], 3, 3, None), ("paired", &["--trials", "5", "--confirm=20"], 5 + 2 * 2, 5, Some(2))];
+    for (study, more, ended, trials, pairs) in sessions {
+        let runs = bench.path(study);
+        let script = format!(
+            "echo >> {runs}; [ $(wc -l < {runs}) -le {ended} ] || {{ setsid sleep 30 & sleep 30; }}; echo '{{\"loss\": {{x}}}}'"
+        );
+        let child = exec(bench.url(), study, more, &script).spawn().expect("the program starts");
+        wait_until("the last run begins", || numbers(&runs).len() == ended + 1);
+        std::thread::sleep(Duration::from_millis(200));
+        let begin = Instant::now();
+        signal(&child, "INT");
+        let output = child.wait_with_output().expect("it ends");
+        assert!(begin.elapsed() < Duration::from_secs(5), "{:?}", begin.elapsed());
+        let done = json(&output);
+        assert_eq!((&done["trials"], &done["end"]), (&Value::from(trials), &Value::from("interrupted")));
+        assert!(done["best"]["cost"].as_f64().is_some(), "{done}");
+        assert_eq!(done["confirmation"]["pairs"].as_u64(), pairs, "{done}");
+        assert_eq!(bench.count(study, "state = OPEN"), 0, "the trial is given back");
+    }
 }
 
 #[test]
