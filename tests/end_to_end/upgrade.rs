@@ -11,8 +11,10 @@ use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
 use tonic::transport::Channel;
+use treewright_client::Space;
+use treewright_proto::convert::space_to_wire;
 use treewright_proto::v1::tuning_service_client::TuningServiceClient;
-use treewright_proto::v1::{self as pb, parameter::Domain, value::Kind};
+use treewright_proto::v1::{self as pb, value::Kind};
 use treewright_tests::daemon::Daemon;
 use treewright_tests::programs::workspace;
 
@@ -47,36 +49,13 @@ fn policies() -> Vec<(String, pb::Policy)> {
 /// Mixed and conditional: leaf sizes in order, a cost on a logarithmic scale, and one parameter of each of
 /// two builders.
 fn study(policy: pb::Policy) -> pb::Study {
-    let text = |text: &str| pb::Value { kind: Some(Kind::Text(text.into())) };
-    let parameter = |name: &str, domain, default: Kind, only_for: &str| pb::Parameter {
-        name: name.into(),
-        domain: Some(domain),
-        default_value: Some(pb::Value { kind: Some(default) }),
-        active_if: (!only_for.is_empty())
-            .then(|| pb::Condition { parameter: "builder".into(), any_of: vec![text(only_for)] }),
-    };
-    let integer = |min, max| Domain::Integer(pb::IntegerDomain { min, max, scale: pb::Scale::Linear as i32 });
-    let log = Domain::Float(pb::FloatDomain { min: 0.1, max: 10.0, scale: pb::Scale::Log as i32 });
-    let builders = Domain::Categorical(pb::CategoricalDomain { values: vec![text("sah"), text("morton")] });
-    pb::Study {
-        space: Some(pb::Space {
-            parameters: vec![
-                parameter("builder", builders, Kind::Text("sah".into()), ""),
-                parameter("fewest", integer(1, 32), Kind::Integer(1), ""),
-                parameter("most", integer(1, 32), Kind::Integer(32), ""),
-                parameter("traversal_cost", log, Kind::Float(1.0), "sah"),
-                parameter("bits", integer(3, 10), Kind::Integer(10), "morton"),
-                parameter("compact", Domain::Boolean(pb::BooleanDomain {}), Kind::Boolean(false), ""),
-            ],
-            constraints: vec![pb::Constraint {
-                lesser: "fewest".into(),
-                greater: "most".into(),
-                ..pb::Constraint::default()
-            }],
-        }),
-        policy: Some(policy),
-        ..wire::study()
-    }
+    let space = Space::builder().categorical("builder", ["sah", "morton"]).default("sah");
+    let space = space.integer("fewest", 1..=32).default(1).integer("most", 1..=32).default(32);
+    let space = space.float("traversal_cost", 0.1..=10.0).log().default(1.0).active_if("builder", ["sah"]);
+    let space = space.integer("bits", 3..=10).default(10).active_if("builder", ["morton"]);
+    let space = space.boolean("compact").default(false).less_or_equal("fewest", "most").build();
+    let space = Some(space_to_wire(&space.expect("a space")));
+    pb::Study { space, policy: Some(policy), ..wire::study() }
 }
 
 /// A measurement of the pretend renderer: another optimum in each state, and noise from the trial's number.
@@ -105,10 +84,6 @@ fn text(configuration: &pb::Configuration) -> String {
     configuration.values.iter().map(|(name, it)| format!("{name}={} ", value(it))).collect()
 }
 
-fn ask(study: &str, client_id: &str, near: f64) -> pb::SuggestRequest {
-    wire::suggestion(study, client_id, near)
-}
-
 fn report(trial: &pb::Trial, near: f64, number: usize) -> pb::ReportRequest {
     let configuration = trial.configuration.as_ref().expect("a trial has a configuration");
     let infeasible = number % 17 == 5;
@@ -132,7 +107,7 @@ async fn teach(client: &mut Client, id: &str, policy: pb::Policy) {
     for number in 0..TRIALS {
         let near = STATES[number / 4 % STATES.len()];
         let who = if number / 12 % 2 == 0 { "one" } else { "two" };
-        let trial = client.suggest(ask(&study, who, near)).await.expect("a trial").into_inner();
+        let trial = client.suggest(wire::suggestion(&study, who, near)).await.expect("a trial").into_inner();
         client.report(report(&trial, near, number)).await.expect("the report is taken");
     }
 }
@@ -143,7 +118,7 @@ async fn answers(client: &mut Client) -> Value {
     for (id, _) in policies() {
         let mut next = Vec::new();
         for (step, near) in [STATES[0], UNSEEN, STATES[2], UNSEEN].into_iter().enumerate() {
-            let question = ask(&format!("studies/{id}"), "one", near);
+            let question = wire::suggestion(&format!("studies/{id}"), "one", near);
             let trial = client.suggest(question).await.expect("a trial").into_inner();
             let configuration = text(trial.configuration.as_ref().expect("a configuration"));
             next.push(format!("mode {} {configuration}", trial.mode));

@@ -4,6 +4,8 @@ use std::collections::BTreeMap;
 
 use tonic::transport::Channel;
 use tonic::{Response, Status};
+use treewright_client::{Policy, Scale, Space, StudySpec};
+use treewright_proto::convert::spec_to_wire;
 use treewright_proto::v1::tuning_service_client::TuningServiceClient;
 use treewright_proto::v1::{self as pb, value::Kind};
 
@@ -12,39 +14,14 @@ pub(crate) async fn connect(url: &str) -> TuningServiceClient<Channel> {
     TuningServiceClient::connect(url.to_owned()).await.expect("the daemon answers")
 }
 
-fn parameter(name: &str, domain: pb::parameter::Domain, default: Kind) -> pb::Parameter {
-    let default_value = Some(pb::Value { kind: Some(default) });
-    pb::Parameter { name: name.into(), domain: Some(domain), default_value, active_if: None }
-}
-
 /// A study with two integers, a float and two indicators; every state change explores.
 pub(crate) fn study() -> pb::Study {
-    let integer = |min, max| pb::parameter::Domain::Integer(pb::IntegerDomain { min, max, scale: 0 });
-    let float = pb::parameter::Domain::Float(pb::FloatDomain { min: 0.0, max: 10.0, scale: 0 });
-    let indicator =
-        |name: &str| pb::Indicator { name: name.into(), min: 0.0, max: 1.0, scale: pb::Scale::Linear as i32 };
-    pb::Study {
-        space: Some(pb::Space {
-            parameters: vec![
-                parameter("fewest", integer(1, 32), Kind::Integer(1)),
-                parameter("most", integer(1, 32), Kind::Integer(32)),
-                parameter("weight", float, Kind::Float(1.0)),
-            ],
-            constraints: vec![pb::Constraint {
-                lesser: "fewest".into(),
-                greater: "most".into(),
-                ..pb::Constraint::default()
-            }],
-        }),
-        indicators: vec![indicator("near"), indicator("far")],
-        objective: Some(pb::Objective {
-            terms: vec![pb::ObjectiveTerm { metric: "render_ms".into(), weight: 1.0 }],
-            ..Default::default()
-        }),
-        policy: Some(pb::Policy { epsilon: Some(1.0), ..Default::default() }),
-        seed: 7,
-        ..Default::default()
-    }
+    let space = Space::builder().integer("fewest", 1..=32).default(1).integer("most", 1..=32).default(32);
+    let space = space.float("weight", 0.0..=10.0).default(1.0).less_or_equal("fewest", "most");
+    let spec = StudySpec::builder(space.build().expect("a space")).minimise("render_ms", 1.0).seed(7);
+    let indicators = ["near", "far"].into_iter();
+    let spec = indicators.fold(spec, |spec, name| spec.indicator(name, 0.0..=1.0, Scale::Linear));
+    spec_to_wire(&spec.policy(Policy::new().epsilon(1.0)).build().expect("a specification"))
 }
 
 /// Creates (or finds) [`study`] as `studies/ID` and returns its name.
