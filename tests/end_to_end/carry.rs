@@ -63,44 +63,6 @@ fn two_sites_are_merged_in_both_directions_and_nothing_is_there_twice() {
 }
 
 #[test]
-fn a_parquet_file_holds_the_study_its_trials_and_where_they_were_measured() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let (a, b) = (Daemon::start(&folder.path().join("a.db")), Daemon::start(&folder.path().join("b.db")));
-    let more = "[[parameters]]\nname = \"mode\"\ntype = \"categorical\"\nvalues = [\"7\", \"fast\"]\n\
-                default = \"7\"\n[[parameters]]\nname = \"rate\"\ntype = \"float\"\nmin = 0.1\nmax = 1.0\n\
-                default = 0.3\nactive_if = { parameter = \"mode\", any_of = [\"fast\"] }\n";
-    say(a.url(), &["study", "create", &study(folder.path(), more), "--id", "toy"]);
-    measure(&a, 9..14, 10);
-    let fast = ["--wanted", "mode=fast", "--wanted", "rate=0.7", "--indicator", "megabytes=0.1"];
-    for ending in
-        [["loss=0.30000000000000004"].as_slice(), &["--infeasible", "no, \"memory\""], &["--abandon"]]
-    {
-        let trial = ask(a.url(), &[["suggest", "toy"].as_slice(), &fast].concat());
-        say(a.url(), &[&["report", trial["name"].as_str().expect("a name")], ending].concat());
-    }
-    let path = path_text(&folder.path().join("a.parquet")).to_owned();
-    say(a.url(), &["export", "toy", "--format", "parquet", "--site", "a", "--out", &path]);
-    let said = ask(b.url(), &["import", &path, "--site", "b"]);
-    assert_eq!((&said["imported"], &said["misfits"]), (&Value::from(7), &Value::from(0)), "{said}");
-    assert_eq!(ask(b.url(), &["import", &path, "--site", "b"])["known"], 7, "it may be repeated");
-    // The study and every trial equal those that travelled as JSON Lines.
-    let lines = |daemon: &Daemon| -> Vec<Value> {
-        let mut lines = exported(daemon, "toy");
-        for line in &mut lines {
-            // The importing client is another.
-            line.as_object_mut().expect("an object").remove("client_id");
-        }
-        lines
-    };
-    assert_eq!(lines(&a), lines(&b));
-    // Cut short, it is refused with its name.
-    let whole = std::fs::read(&path).expect("a file");
-    std::fs::write(&path, &whole[..whole.len() / 2]).expect("a file");
-    let refused = shell(b.url(), &["import", &path]);
-    assert!(!refused.status.success() && stderr(&refused).contains("a.parquet"), "{}", stderr(&refused));
-}
-
-#[test]
 fn a_parameter_and_an_indicator_are_added_and_what_was_learnt_stays() {
     let site = Site::new();
     let (daemon, folder) = (&site.daemon, &site.folder);
@@ -157,27 +119,35 @@ fn exported(daemon: &Daemon, study: &str) -> Vec<Value> {
 fn an_export_brings_its_study_back_after_it_was_deleted_and_into_another_database() {
     let folder = tempfile::tempdir().expect("a folder");
     let (a, b) = (Daemon::start(&folder.path().join("a.db")), Daemon::start(&folder.path().join("b.db")));
-    let path = study(folder.path(), "");
+    let more = "[[parameters]]\nname = \"mode\"\ntype = \"categorical\"\nvalues = [\"7\", \"fast\"]\n\
+                default = \"7\"\n[[parameters]]\nname = \"share\"\ntype = \"float\"\nmin = 0.1\nmax = 1.0\n\
+                default = 0.3\nactive_if = { parameter = \"mode\", any_of = [\"fast\"] }\n";
+    let path = study(folder.path(), more);
     let text = std::fs::read_to_string(&path).expect("a file");
     // What could be lost on the way: auxiliary metrics, limits, a maximised metric, a warm-up that would
     // swallow the first trials, a freeze, and trials with other results than costs.
     let head = "auxiliary = [\"cpu_ms\", \"faults\"]\nlimits = [{ metric = \"loss\", at_most = 1e6 }]\nseed = \"18446744073709551615\"\n";
     let tail = "[[objective]]\nmetric = \"rate\"\nmaximise = true\n[policy]\nwarm_up = 3\n";
     std::fs::write(&path, format!("{head}{text}{tail}")).expect("a file");
-    say(a.url(), &["study", "create", &path]);
-    let results: [(&str, &[&str]); 5] = [
+    let create = || say(a.url(), &["study", "create", &path, "--id", "toy"]);
+    create();
+    let results: [(&str, &[&str]); 6] = [
         ("level=9", &["loss=21", "rate=0.30000000000000004"]),
-        ("level=10", &["loss=2e6", "rate=50"]),
+        ("level=10 mode=fast share=0.7", &["loss=2e6", "rate=50"]),
         ("level=11", &["--infeasible", "no, \"memory\""]),
-        ("level=12", &["--aborted", "900.5"]),
+        ("level=12 mode=fast share=0.7", &["--aborted", "900.5"]),
         ("level=13", &["loss=5", "rate=50", "cpu_ms=4.5", "faults=0"]),
+        ("level=14", &["--abandon"]),
     ];
-    for (level, result) in results {
-        let trial = ask(a.url(), &["suggest", "toy", "--wanted", level, "--indicator", "megabytes=10"]);
+    for (wanted, result) in results {
+        let wanted = wanted.split(' ').flat_map(|one| ["--wanted", one]);
+        let question = ["suggest", "toy", "--indicator", "megabytes=10"].into_iter().chain(wanted);
+        let trial = ask(a.url(), &question.collect::<Vec<_>>());
         say(a.url(), &[&["report", trial["name"].as_str().expect("a name")], result].concat());
     }
     say(a.url(), &["freeze", "toy"]);
-    let (out, before) = (folder.path().join("toy.jsonl"), exported(&a, "toy"));
+    let [lines, table] = ["toy.jsonl", "toy.parquet"].map(|name| folder.path().join(name));
+    let (lines, table, before) = (path_text(&lines), path_text(&table), exported(&a, "toy"));
     let outcomes: Vec<&Value> = before[1..].iter().map(|line| &line["outcome"]).collect();
     assert_eq!(
         outcomes[1]["infeasible"]["reason"],
@@ -186,11 +156,12 @@ fn an_export_brings_its_study_back_after_it_was_deleted_and_into_another_databas
     assert_eq!((outcomes.len(), &outcomes[3]["aborted"]["lower_bound"]), (5, &Value::from(900.5)));
     assert_eq!(before[0]["study"]["auxiliary"], serde_json::json!(["cpu_ms", "faults"]));
     assert_eq!(before[0]["study"]["limits"], serde_json::json!([{ "metric": "loss", "at_most": 1e6 }]));
-    let out = path_text(&out);
-    say(a.url(), &["export", "toy", "--out", out]);
-    assert_eq!(ask(a.url(), &["import", out])["known"], 5, "they are there");
+    say(a.url(), &["export", "toy", "--out", lines]);
+    say(a.url(), &["export", "toy", "--format", "parquet", "--out", table]);
+    assert_eq!(ask(a.url(), &["import", lines])["known"], 5, "they are there");
     say(a.url(), &["study", "delete", "toy", "--yes"]);
-    for daemon in [&a, &b] {
+    // As JSON Lines and as Parquet.
+    for (daemon, out) in [(&a, lines), (&b, table)] {
         let tally = ask(daemon.url(), &["import", out]);
         assert_eq!((&tally["imported"], &tally["known"]), (&Value::from(5), &Value::from(0)), "{tally}");
         assert_eq!(ask(daemon.url(), &["import", out])["known"], 5, "it may be repeated");
@@ -208,7 +179,7 @@ fn an_export_brings_its_study_back_after_it_was_deleted_and_into_another_databas
         assert_eq!(best["configuration"]["level"], 13, "what was carried is learnt");
     }
     // A program that made the study finds it again.
-    say(a.url(), &["study", "create", &path]);
+    create();
 }
 
 #[test]
