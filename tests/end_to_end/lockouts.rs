@@ -133,32 +133,26 @@ fn ask(address: &str, path: &str) -> Option<String> {
 }
 
 #[test]
-fn slow_connections_keep_nobody_from_asking_whether_the_daemon_lives() {
-    let site = Site::with(&["--metrics", "127.0.0.1:0"]);
-    let address = dashboard::metrics(&site);
+fn slow_connections_and_logins_keep_nobody_from_the_pages() {
+    let (site, pages) = dashboard::start(&["--tokens", "--metrics", "127.0.0.1:0"]);
+    let metrics = dashboard::metrics(&site);
     for says in [
         &b""[..],
         b"G",
         b"GET /metrics HTTP/1.1\r\nHost: x\r\n",
         b"POST /livez HTTP/1.1\r\nContent-Length: 9\r\n\r\n",
     ] {
-        let slow = hold(&address, 200, says);
+        let slow = hold(&metrics, 200, says);
         for attempt in 0..30 {
-            let status = ask(&address, "/livez");
+            let status = ask(&metrics, "/livez");
             assert_eq!(status.as_deref(), Some("200"), "{attempt}: {:?}", String::from_utf8_lossy(says));
         }
         drop(slow);
     }
-    assert!(site.daemon.terminate().success());
-}
-
-#[test]
-fn slow_logins_keep_nobody_from_the_dashboard() {
-    let (site, address) = dashboard::start(&["--tokens"]);
     let login = b"POST /login HTTP/1.1\r\nHost: localhost\r\nContent-Length: 100\r\n\r\nt";
-    let slow = hold(&address, 200, login);
+    let slow = hold(&pages, 200, login);
     for attempt in 0..10 {
-        assert_eq!(ask(&address, "/login").as_deref(), Some("200"), "{attempt}");
+        assert_eq!(ask(&pages, "/login").as_deref(), Some("200"), "{attempt}");
     }
     // Nor do they stay.
     let begin = Instant::now();
@@ -241,7 +235,8 @@ fn a_client_that_is_frozen_does_not_hold_up_the_end() {
     assert!(begin.elapsed() < Duration::from_secs(5), "{:?}", begin.elapsed());
 }
 
-fn answers_over(socket: &Path, authority: &str) -> bool {
+/// Whether plain gRPC over a Unix socket is answered.
+pub(crate) fn answers_over(socket: &Path, authority: &str) -> bool {
     let mut stream = UnixStream::connect(socket).expect("a connection");
     stream.set_read_timeout(Some(PATIENCE)).expect("set");
     stream.write_all(&call("ListStudies", authority, &[], &[0; 5], END_STREAM)).expect("sent");
@@ -249,13 +244,15 @@ fn answers_over(socket: &Path, authority: &str) -> bool {
     let mut buffer = [0; 4096];
     // `grpc-status: 0` comes in the trailers, `application/grpc` in the head, both in Huffman code or not.
     // Only an answer has a frame of data with a message, a refusal has none.
+    let has_message =
+        |answer: &[u8]| kinds(answer).iter().any(|(kind, length)| *kind == DATA && *length >= 5);
     while let Ok(count) = stream.read(&mut buffer) {
         answer.extend_from_slice(&buffer[..count]);
-        if count == 0 || kinds(&answer).contains(&(DATA, 5)) {
+        if count == 0 || has_message(&answer) {
             break;
         }
     }
-    kinds(&answer).contains(&(DATA, 5))
+    has_message(&answer)
 }
 
 /// The kinds and lengths of frames.
@@ -267,20 +264,6 @@ fn kinds(mut bytes: &[u8]) -> Vec<(u8, usize)> {
         bytes = bytes.get(9 + length..).unwrap_or_default();
     }
     kinds
-}
-
-#[test]
-fn plain_grpc_over_a_unix_socket_may_name_any_authority() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let (log, socket) = (folder.path().join("log"), folder.path().join("daemon.sock"));
-    let arguments = ["--socket", socket.to_str().expect("plain"), "--socket-only"];
-    let daemon = Daemon::start_with(&folder.path().join("tuning.db"), &arguments, &log);
-    for authority in
-        ["localhost", "%2Frun%2Ftreewright%2Fdaemon.sock", "/run/daemon.sock", "a b@:%", "daemon.sock"]
-    {
-        assert!(answers_over(&socket, authority), "{authority}");
-    }
-    assert!(daemon.terminate().success());
 }
 
 /// One daemon after the other on one socket, as a service manager restarts them.

@@ -11,6 +11,7 @@ use treewright_client::{Client, Indicators, Options, Outcome, Study};
 use treewright_tests::daemon::Daemon;
 use treewright_tests::programs::{program, stderr};
 
+use crate::lockouts::answers_over;
 use crate::site::{Killed, Site, leaf_study};
 
 /// The address of the daemon, for a client that runs as a process of its own.
@@ -51,6 +52,12 @@ async fn a_unix_socket_serves_beside_a_port_or_alone() {
     let alone = Daemon::start_with(&database, &["--socket", path, "--socket-only"], &log);
     assert_eq!(alone.url(), socket_url);
     frame(alone.url()).await;
+    // Plain gRPC may name any authority.
+    for authority in
+        ["localhost", "%2Frun%2Ftreewright%2Fdaemon.sock", "/run/daemon.sock", "a b@:%", "daemon.sock"]
+    {
+        assert!(answers_over(&socket, authority), "{authority}");
+    }
     assert!(alone.terminate().success());
     assert!(!socket.exists(), "a polite end takes its file along");
 }
