@@ -188,7 +188,7 @@ async fn every_attempt_is_refused_with_the_right_status() {
 }
 
 #[tokio::test]
-async fn plain_text_and_strangers_end_quickly() {
+async fn plain_text_strangers_and_a_slow_loris_end_quickly_and_hold_up_nobody() {
     let guarded = Guarded::start(&[]);
     let start = Instant::now();
     // Plain HTTP/2 against TLS: an alert or an end, and soon.
@@ -210,18 +210,34 @@ async fn plain_text_and_strangers_end_quickly() {
         .ca_certificate(Certificate::from_pem(Authority::new().pem))
         .domain_name("localhost");
     assert!(guarded.channel(stranger).await.is_err());
+
+    let start = Instant::now();
+    let mut idle: Vec<TcpStream> = (0..200)
+        .map(|_| {
+            let stream = TcpStream::connect(guarded.site.daemon.address()).expect("a connection");
+            stream.set_read_timeout(Some(Duration::from_secs(30))).expect("set");
+            stream
+        })
+        .collect();
+    // A byte now and then does not help.
+    for stream in &mut idle {
+        stream.write_all(b"\x16").expect("sent");
+    }
+    let mut end = [0; 16];
+    for stream in &mut idle {
+        assert!(matches!(stream.read(&mut end), Ok(0) | Err(_)), "it was answered");
+    }
+    assert!(start.elapsed() < Duration::from_secs(25), "they were kept for {:?}", start.elapsed());
+    let status = guarded.caller(None).await.list_studies(list()).await;
+    assert_eq!(status.expect_err("no token").code(), Code::Unauthenticated, "it serves");
 }
 
 #[tokio::test]
 async fn a_client_without_the_right_certificate_is_refused() {
-    let guarded = {
-        // The authority of the clients is another one than the daemon's.
-        let clients = Authority::new();
-        let folder = tempfile::tempdir().expect("a scratch folder");
-        let file = write(folder.path(), "clients.pem", &clients.pem);
-        (Guarded::start(&["--tls-client-ca", &file]), clients, folder)
-    };
-    let (guarded, clients, _folder) = guarded;
+    // The authority of the clients is another one than the daemon's.
+    let (clients, folder) = (Authority::new(), tempfile::tempdir().expect("a scratch folder"));
+    let file = write(folder.path(), "clients.pem", &clients.pem);
+    let guarded = Guarded::start(&["--tls-client-ca", &file]);
     let token = guarded.token(&["--scope", "read"]);
     let ask = async |tls: ClientTlsConfig| {
         let channel = guarded.channel(tls).await.map_err(|error| Status::unavailable(error.to_string()))?;
@@ -299,29 +315,4 @@ async fn the_command_line_client_shows_token_and_checks_certificate() {
         let refused = command.output().expect("it starts");
         assert_eq!(refused.status.code(), Some(2), "{name}: {}", stderr(&refused));
     }
-}
-
-#[test]
-fn a_slow_loris_is_cut_off_and_holds_up_nobody() {
-    let guarded = Guarded::start(&[]);
-    let start = Instant::now();
-    let mut idle: Vec<TcpStream> = (0..200)
-        .map(|_| {
-            let stream = TcpStream::connect(guarded.site.daemon.address()).expect("a connection");
-            stream.set_read_timeout(Some(Duration::from_secs(30))).expect("set");
-            stream
-        })
-        .collect();
-    // A byte now and then does not help.
-    for stream in &mut idle {
-        stream.write_all(b"\x16").expect("sent");
-    }
-    let mut end = [0; 16];
-    for stream in &mut idle {
-        assert!(matches!(stream.read(&mut end), Ok(0) | Err(_)), "it was answered");
-    }
-    assert!(start.elapsed() < Duration::from_secs(25), "they were kept for {:?}", start.elapsed());
-    let runtime = tokio::runtime::Runtime::new().expect("a runtime");
-    let status = runtime.block_on(async { guarded.caller(None).await.list_studies(list()).await });
-    assert_eq!(status.expect_err("no token").code(), Code::Unauthenticated, "it serves");
 }
