@@ -100,6 +100,8 @@ mod tests {
     #[test]
     fn the_help_of_fleet_teaches_and_keeps_what_the_program_calls_itself_with() {
         let mut cli = Cli::command();
+        let help = cli.render_long_help().to_string();
+        assert!(help.contains("Examples:") && help.contains("Exit codes:"), "{help}");
         let fleet = cli.find_subcommand_mut("fleet").expect("it is a command");
         let help = fleet.render_long_help().to_string();
         assert!(help.contains("Each scene is then unseen once") && help.contains("--report fleet.jsonl"));

@@ -47,24 +47,6 @@ fn a_constant_offset_follows_the_formula() {
 }
 
 #[test]
-fn averaging_noise_lowers_the_error_as_theory_says() {
-    let clean = gradient();
-    let yardstick = Yardstick::new(clean.clone());
-    let mean_of = |count: u64| {
-        let mut sum = picture(|_| 0.0);
-        for seed in 0..count {
-            for (sum, pixel) in sum.pixels.iter_mut().zip(noisy(&clean, 0.5, seed).pixels) {
-                *sum += pixel / count as f32;
-            }
-        }
-        sum
-    };
-    let (one, sixteen) = (mean_of(1), mean_of(16));
-    let ratio = yardstick.relative_mse(&one) / yardstick.relative_mse(&sixteen);
-    assert!((12.0..21.0).contains(&ratio), "16 is expected, {ratio} was found");
-}
-
-#[test]
 #[should_panic(expected = "a reference of their size")]
 fn other_sizes_are_refused() {
     let small = Picture { width: 1, height: 1, pixels: vec![Vec3::ONE] };

@@ -275,35 +275,7 @@ pub(super) fn needles(angles: &[(f64, [Vec<f64>; 2])], share: Share) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::super::record::GroupKind;
-    use super::super::testing::{group, numbered};
     use super::*;
-
-    #[test]
-    fn a_gain_is_told_by_what_was_measured_in_the_same_rounds() {
-        let (default, a, b) = (numbered(1), numbered(2), numbered(3));
-        // The machine becomes slower from round to round; a is twice and b half as fast as the default.
-        let slower = |ms: f64| (1..=7).map(|round| ms * f64::from(round)).collect::<Vec<_>>();
-        let rounds = [slower(100.0), slower(50.0), slower(200.0)];
-        let measured: Vec<(Configuration, &[f64])> =
-            [&default, &a, &b].into_iter().cloned().zip(rounds.iter().map(Vec::as_slice)).collect();
-        let group = group(GroupKind::Parts, "hall", &measured);
-        let gain = |found: &[&Configuration]| {
-            let found: Vec<Configuration> = found.iter().map(|one| (*one).clone()).collect();
-            PartGain::of(&group, &default, &found, Objective::Render, Clock::Wall)
-        };
-        let alone = gain(&[&a]).expect("it was measured");
-        let is_two = |speed: f64| (speed - 2.0).abs() < 1e-12;
-        assert!(is_two(alone.speed.median), "{alone:?}");
-        assert!(alone.speed.interval.is_some_and(|ends| ends.into_iter().all(is_two)), "{alone:?}");
-        let both = gain(&[&a, &b]).expect("both were measured");
-        assert!((both.speed.median - 1.0).abs() < 1e-12 && both.ends == [0.5, 2.0], "{both:?}");
-        assert_eq!(
-            gain(&[&a]).map(|gain| gain.words()),
-            Some(["+100.0 % [+100.0, +100.0]".to_owned(), "+100.0 to +100.0 %".to_owned()])
-        );
-        assert_eq!((gain(&[&a, &numbered(4)]), gain(&[])), (None, None));
-    }
 
     #[test]
     fn bands_are_students() {

@@ -445,18 +445,6 @@ mod tests {
     }
 
     #[test]
-    fn a_record_is_gone_on_with_under_the_same_conditions_only() {
-        let folder = tempfile::tempdir().expect("a scratch folder");
-        let path = folder.path().join("record.jsonl");
-        let open = || OpenRecord::open(&path, &conditions(80)).expect("it is begun");
-        open().add(of(0, None)).expect("it is written");
-        open().add(of(1, None)).expect("it is written");
-        assert_eq!(open().record.groups.len(), 2);
-        let message = OpenRecord::open(&path, &conditions(40)).expect_err("other conditions").to_string();
-        assert!(message.contains("80 iterations") && message.contains("40 iterations"), "{message}");
-    }
-
-    #[test]
     fn an_older_record_is_read_and_not_added_to() {
         let folder = tempfile::tempdir().expect("a scratch folder");
         let path = folder.path().join("record.jsonl");
