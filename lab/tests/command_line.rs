@@ -91,13 +91,3 @@ fn a_fleet_is_reported_from_its_record() {
     fails("fleet --report missing.jsonl", FAILED, &["missing.jsonl"]);
     fails("fleet --record a.jsonl --only hall", USAGE, &["name two"]);
 }
-
-#[test]
-fn help_shows_examples_and_exit_codes() {
-    let help = succeeds(folder().path(), "--help");
-    assert!(help.contains("Examples:") && help.contains("Exit codes:"));
-    for command in ["leave-scene-out", "converge", "fleet"] {
-        assert!(help.contains(command), "{command}");
-        succeeds(folder().path(), &format!("{command} --help"));
-    }
-}
