@@ -14,7 +14,7 @@ use treewright_core::value::Value;
 use treewright_lab::simulated::{METRIC, ask, normal, share, study};
 
 /// Kinds of change of the machine's speed.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Clone, Copy, Debug)]
 pub(crate) enum Weather {
     /// Not at all; frames vary by 7 %.
     Calm,
@@ -24,13 +24,6 @@ pub(crate) enum Weather {
     Stepping,
     /// In waves of sixty frames, by half.
     Waves,
-}
-
-impl Weather {
-    /// The weather of a session.
-    pub(crate) fn of(seed: u64) -> Self {
-        [Weather::Calm, Weather::Drifting, Weather::Stepping, Weather::Waves][(seed % 4) as usize]
-    }
 }
 
 /// The result of a session.
@@ -60,32 +53,23 @@ fn cost(trial: &Trial, adversarial: bool) -> f64 {
 }
 
 impl Session {
-    /// A session with a budget of 2 to 10 %.
-    pub(crate) fn run(seed: u64, frames: u64) -> Self {
+    /// A session with a budget of 2 to 10 %, or the same without one.
+    pub(crate) fn run(seed: u64, frames: u64, has_budget: bool) -> Self {
         let budget = 0.02 + 0.08 * (seed % 7) as f64 / 6.0;
-        Self::play(seed, frames, budget, Some(budget))
-    }
-
-    /// The session of a seed without a budget.
-    pub(crate) fn run_without(seed: u64, frames: u64) -> Self {
-        let budget = 0.02 + 0.08 * (seed % 7) as f64 / 6.0;
-        Self::play(seed, frames, budget, None)
-    }
-
-    fn play(seed: u64, frames: u64, budget: f64, regret_budget: Option<f64>) -> Self {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         let policy = Policy {
             epsilon: 1.0,
             search: SearchMethod::Random,
             trials_per_state: 100_000,
-            regret_budget,
+            regret_budget: has_budget.then_some(budget),
             abort_above: Some(1.2 + 1.3 * random.random::<f64>()),
             ..Policy::default()
         };
         let space = Space::new(vec![share("a"), share("b")], vec![]).expect("a valid space");
         let spec = study(space, std::iter::once("place".to_owned()), policy, seed);
         let mut tuner = Tuner::new(Arc::new(spec)).expect("a valid specification");
-        let weather = Weather::of(seed);
+        let all = [Weather::Calm, Weather::Drifting, Weather::Stepping, Weather::Waves];
+        let weather = all[(seed % 4) as usize];
         let (mut speed, mut place, mut adversarial) = (1.0f64, 0.0, seed.is_multiple_of(3));
         // Some sessions never leave their state, some hardly stay.
         let stay = [1e9, 200.0, 30.0, 8.0][(seed / 4 % 4) as usize];
