@@ -13,17 +13,11 @@ use treewright_tests::sandbox::skip;
 
 use crate::wire;
 
-/// The daemon's calls, as far as they are written down.
-fn calls(trace: &Path) -> Vec<String> {
-    let text = std::fs::read_to_string(trace).unwrap_or_default();
-    text.lines().map(str::to_owned).collect()
-}
-
 /// Numbers of writes and of syncs of the write-ahead log, and of its writes since the last sync.
 fn log_calls(trace: &Path) -> (usize, usize, usize) {
-    let calls = calls(trace);
+    let calls = std::fs::read_to_string(trace).unwrap_or_default();
     let (mut written, mut synced, mut unsynced) = (0, 0, 0);
-    for call in &calls {
+    for call in calls.lines() {
         // With -y a file's name stands behind its number; a call that another one interrupts ends in a second
         // line.
         let of_log = call.contains("-wal>");

@@ -184,26 +184,14 @@ fn a_run_that_is_killed_leaves_the_policy_alone() {
     second.wait().expect("it is gone");
     assert_eq!(policy(), before, "whatever the run wanted for itself went with it");
 
-    // Its last report may have been on its way.
-    let mut explored_by_then = explored();
-    loop {
-        std::thread::sleep(Duration::from_millis(500));
-        let now = explored();
-        if now == explored_by_then {
-            break;
-        }
-        explored_by_then = now;
-    }
     let mut play = Command::new(program("treewright-render"));
     play.current_dir(std::env::temp_dir());
     play.args(["play", "--server", url, "--scene", "builtin:quick", "--size", "64x48", "--study", "quick"]);
     let calm = play.args(["--frames", "8"]).output().expect("the renderer runs");
     assert!(calm.status.success(), "{}", stderr(&calm));
-    // The next run of the program is the same client, and ends the trial that the killed one held.
     let all = trials(url, "state = COMPLETED AND mode = EXPLORE");
     let of_others = all.iter().filter(|trial| trial["reason"]["explanation"]["epsilon"] == 1.0).count();
     assert_eq!(of_others, all.len(), "another run explores nothing: the study's epsilon is 0");
-    assert!(all.len() <= explored_by_then + 1, "{} after {explored_by_then}", all.len());
     play.args(["--epsilon", "1"]);
     // Eight frames may be over before a busy daemon has answered once.
     let explores = (0..20).any(|_| {
