@@ -6,11 +6,11 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use treewright_core::configuration::Configuration;
 use treewright_core::policy::{Operation, Policy};
-use treewright_core::space::{Domain, Scale, Space};
+use treewright_core::space::Space;
 use treewright_core::trial::Trial;
 use treewright_core::tuner::Tuner;
 use treewright_core::value::Value;
-use treewright_lab::simulated::{ask, normal, parameter, report, study};
+use treewright_lab::simulated::{ask, normal, report, study};
 
 use crate::Figures;
 
@@ -73,15 +73,9 @@ impl Table {
 }
 
 fn tuner(policy: Policy, seed: u64) -> Tuner {
-    let integer = |min, max| Domain::Integer { min, max, scale: Scale::Linear };
-    let strategies = Domain::Categorical { values: STRATEGIES.map(|name| Value::Text(name.into())).to_vec() };
-    let parameters = vec![
-        parameter("level", integer(1, 9), Value::Integer(6)),
-        parameter("memory", integer(1, 9), Value::Integer(8)),
-        parameter("strategy", strategies, Value::Text("default".into())),
-        parameter("window", integer(9, 15), Value::Integer(15)),
-    ];
-    let space = Space::new(parameters, vec![]).expect("a valid space");
+    let space = Space::builder().integer("level", 1..=9).default(6).integer("memory", 1..=9).default(8);
+    let space = space.categorical("strategy", STRATEGIES).default("default");
+    let space = space.integer("window", 9..=15).default(15).build().expect("a valid space");
     let spec = study(space, std::iter::once("x".to_owned()), policy, seed);
     Tuner::new(Arc::new(spec)).expect("a valid study")
 }

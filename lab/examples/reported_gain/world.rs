@@ -7,12 +7,12 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use treewright_core::configuration::Configuration;
 use treewright_core::policy::Policy;
-use treewright_core::space::{Domain, Parameter, Scale, Space};
+use treewright_core::space::Space;
 use treewright_core::study::StudySpec;
 use treewright_core::trial::{Outcome, Rule};
 use treewright_core::tuner::Tuner;
 use treewright_core::value::Value;
-use treewright_lab::simulated::{METRIC, ask, normal, parameter, share, study};
+use treewright_lab::simulated::{METRIC, ask, normal, study};
 
 /// The noise of a measurement: the standard deviation of its logarithm.
 const NOISE: f64 = 0.07;
@@ -74,15 +74,10 @@ pub(crate) struct Run {
 }
 
 fn space() -> Space {
-    let kinds = ["sah", "median", "morton"].map(|kind| Value::Text(kind.into())).to_vec();
-    let parameters = vec![
-        Parameter { default: Value::Float(0.7), ..share("a") },
-        Parameter { default: Value::Float(0.2), ..share("b") },
-        share("c"),
-        parameter("leaf", Domain::Integer { min: 1, max: 64, scale: Scale::Log }, Value::Integer(4)),
-        parameter("kind", Domain::Categorical { values: kinds }, Value::Text("median".into())),
-    ];
-    Space::new(parameters, Vec::new()).expect("a space")
+    let space = Space::builder().float("a", 0.0..=1.0).default(0.7).float("b", 0.0..=1.0).default(0.2);
+    let space = space.float("c", 0.0..=1.0).default(0.5).integer("leaf", 1..=64).log().default(4);
+    let space = space.categorical("kind", ["sah", "median", "morton"]).default("median");
+    space.build().expect("a space")
 }
 
 impl World {

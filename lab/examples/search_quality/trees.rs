@@ -4,71 +4,45 @@
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use treewright_core::configuration::Configuration;
-use treewright_core::space::{Condition, Constraint, Domain, Parameter, Scale, Space};
+use treewright_core::space::Space;
 use treewright_core::value::Value;
 
 use crate::problem::Problem;
 
-fn text(values: &[&str]) -> Vec<Value> {
-    values.iter().map(|value| Value::Text((*value).into())).collect()
-}
-
 fn space() -> Space {
-    let while_in = |other: &str, any_of: Vec<Value>| Some(Condition { parameter: other.into(), any_of });
-    let custom = || while_in("backend", text(&["custom"]));
-    let embree = || while_in("backend", text(&["embree"]));
-    let native = || while_in("backend", text(&["native"]));
-    let sah = || while_in("quality", vec![Value::Integer(2), Value::Integer(3)]);
-    let on = |name: &str| while_in(name, vec![Value::Boolean(true)]);
-    let p =
-        |name: &str, domain, default, active_if| Parameter { name: name.into(), domain, default, active_if };
-    let integer = |name: &str, min, max, default, scale, active_if| {
-        p(name, Domain::Integer { min, max, scale }, Value::Integer(default), active_if)
-    };
-    let choice = |name: &str, values: &[i64], default, active_if| {
-        let values = values.iter().copied().map(Value::Integer).collect();
-        p(name, Domain::Categorical { values }, Value::Integer(default), active_if)
-    };
-    let named = |name: &str, values: &[&str], default: &str, active_if| {
-        p(name, Domain::Categorical { values: text(values) }, Value::Text(default.into()), active_if)
-    };
-    let float = |name: &str, min, max, default, active_if| {
-        p(name, Domain::Float { min, max, scale: Scale::Log }, Value::Float(default), active_if)
-    };
-    let switch = |name: &str, active_if| p(name, Domain::Boolean, Value::Boolean(false), active_if);
-    let (linear, log) = (Scale::Linear, Scale::Log);
-    let parameters = vec![
-        named("backend", &["embree", "custom", "native"], "embree", None),
-        integer("embree_quality", 1, 3, 2, linear, embree()),
-        switch("embree_compact", embree()),
-        switch("embree_robust", embree()),
-        switch("embree_dynamic", embree()),
-        integer("quality", 1, 3, 2, linear, custom()),
-        choice("branching_factor", &[2, 4, 8], 2, custom()),
-        integer("max_depth", 9, 64, 32, linear, custom()),
-        choice("sah_block_size", &[1, 2, 4, 8, 16, 32], 1, sah()),
-        integer("min_leaf_size", 1, 32, 1, log, custom()),
-        integer("max_leaf_size", 1, 32, 32, log, custom()),
-        float("traversal_cost", 0.1, 10.0, 1.0, sah()),
-        float("intersection_cost", 0.1, 10.0, 1.0, sah()),
-        switch("split", sah()),
-        float("split_budget", 1.0, 4.0, 1.2, on("split")),
-        choice("width", &[4, 8, 16], 8, native()),
-        named("layout", &["full", "quantised", "compressed"], "full", native()),
-        named("builder", &["binned", "sweep", "locally_ordered"], "binned", native()),
-        integer("bins", 4, 64, 16, log, native()),
-        named("reorder", &["none", "depth_first", "van_emde_boas"], "none", native()),
-        integer("treelet", 3, 12, 7, linear, native()),
-        choice("packet_primary", &[1, 4, 8, 16], 1, None),
-        choice("packet_shadow", &[1, 4, 8, 16], 1, None),
-        choice("packet_bounce", &[1, 4, 8, 16], 1, None),
-        choice("tile", &[4, 8, 16, 32, 64, 128], 16, None),
-        named("order", &["rows", "morton", "hilbert"], "rows", None),
-        switch("sort_rays", None),
-        integer("sort_bits", 4, 24, 12, linear, on("sort_rays")),
-    ];
-    let order = Constraint::order("min_leaf_size", "max_leaf_size");
-    Space::new(parameters, vec![order]).expect("a valid space")
+    let space = Space::builder().categorical("backend", ["embree", "custom", "native"]).default("embree");
+    let space = space.integer("embree_quality", 1..=3).default(2).active_if("backend", ["embree"]);
+    let space = space.boolean("embree_compact").default(false).active_if("backend", ["embree"]);
+    let space = space.boolean("embree_robust").default(false).active_if("backend", ["embree"]);
+    let space = space.boolean("embree_dynamic").default(false).active_if("backend", ["embree"]);
+    let space = space.integer("quality", 1..=3).default(2).active_if("backend", ["custom"]);
+    let space = space.categorical("branching_factor", [2, 4, 8]).default(2).active_if("backend", ["custom"]);
+    let space = space.integer("max_depth", 9..=64).default(32).active_if("backend", ["custom"]);
+    let block_sizes = [1, 2, 4, 8, 16, 32];
+    let space = space.categorical("sah_block_size", block_sizes).default(1).active_if("quality", [2, 3]);
+    let space = space.integer("min_leaf_size", 1..=32).log().default(1).active_if("backend", ["custom"]);
+    let space = space.integer("max_leaf_size", 1..=32).log().default(32).active_if("backend", ["custom"]);
+    let space = space.float("traversal_cost", 0.1..=10.0).log().default(1.0).active_if("quality", [2, 3]);
+    let space = space.float("intersection_cost", 0.1..=10.0).log().default(1.0).active_if("quality", [2, 3]);
+    let space = space.boolean("split").default(false).active_if("quality", [2, 3]);
+    let space = space.float("split_budget", 1.0..=4.0).log().default(1.2).active_if("split", [true]);
+    let space = space.categorical("width", [4, 8, 16]).default(8).active_if("backend", ["native"]);
+    let layouts = ["full", "quantised", "compressed"];
+    let space = space.categorical("layout", layouts).default("full").active_if("backend", ["native"]);
+    let builders = ["binned", "sweep", "locally_ordered"];
+    let space = space.categorical("builder", builders).default("binned").active_if("backend", ["native"]);
+    let space = space.integer("bins", 4..=64).log().default(16).active_if("backend", ["native"]);
+    let orders = ["none", "depth_first", "van_emde_boas"];
+    let space = space.categorical("reorder", orders).default("none").active_if("backend", ["native"]);
+    let space = space.integer("treelet", 3..=12).default(7).active_if("backend", ["native"]);
+    let space = space.categorical("packet_primary", [1, 4, 8, 16]).default(1);
+    let space = space.categorical("packet_shadow", [1, 4, 8, 16]).default(1);
+    let space = space.categorical("packet_bounce", [1, 4, 8, 16]).default(1);
+    let space = space.categorical("tile", [4, 8, 16, 32, 64, 128]).default(16);
+    let space = space.categorical("order", ["rows", "morton", "hilbert"]).default("rows");
+    let space = space.boolean("sort_rays").default(false);
+    let space = space.integer("sort_bits", 4..=24).default(12).active_if("sort_rays", [true]);
+    space.less_or_equal("min_leaf_size", "max_leaf_size").build().expect("a valid space")
 }
 
 /// The properties of a scene.
