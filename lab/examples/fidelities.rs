@@ -18,7 +18,7 @@ use treewright_core::space::{Domain, Parameter, Space};
 use treewright_core::study::StudySpec;
 use treewright_core::tuner::{Ask, Tuner};
 use treewright_core::value::Value;
-use treewright_lab::simulated::{normal, parameter, report, share, study};
+use treewright_lab::simulated::{normal, report, share, study};
 
 const AXES: usize = 6;
 const CHOICES: usize = 8;
@@ -102,7 +102,7 @@ fn space(choices: usize) -> Space {
     let words = || (0..CHOICES).map(|index| Value::from(format!("c{index}").as_str())).collect();
     let one = |axis: usize| -> Parameter {
         match axis < choices {
-            true => parameter(format!("p{axis}"), Domain::Categorical { values: words() }, Value::from("c0")),
+            true => Parameter::new(format!("p{axis}"), Domain::Categorical { values: words() }, "c0"),
             false => share(format!("p{axis}")),
         }
     };

@@ -8,7 +8,6 @@ use treewright_core::space::{Domain, Parameter, Scale, Space};
 use treewright_core::study::StudySpec;
 use treewright_core::trial::{Outcome, Trial};
 use treewright_core::tuner::{Ask, Tuner};
-use treewright_core::value::Value;
 
 /// The one metric of a simulated study.
 pub const METRIC: &str = "cost";
@@ -19,14 +18,14 @@ pub fn normal(random: &mut impl Rng) -> f64 {
     (-2.0 * a.ln()).sqrt() * (2.0 * std::f64::consts::PI * b).cos()
 }
 
-/// A parameter that is always active.
-pub fn parameter(name: impl Into<String>, domain: Domain, default: Value) -> Parameter {
-    Parameter::new(name, domain, default)
+/// The mean of some values.
+pub fn mean(values: &[f64]) -> f64 {
+    values.iter().sum::<f64>() / values.len() as f64
 }
 
 /// A parameter from 0 to 1 whose default is in the middle.
 pub fn share(name: impl Into<String>) -> Parameter {
-    parameter(name, Domain::Float { min: 0.0, max: 1.0, scale: Scale::Linear }, Value::Float(0.5))
+    Parameter::new(name, Domain::Float { min: 0.0, max: 1.0, scale: Scale::Linear }, 0.5)
 }
 
 /// A study that minimises [`METRIC`] over a space, with indicators from 0 to 1.

@@ -17,7 +17,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use serde_json::json;
 use treewright_core::policy::{Policy, PredictorMethod};
-use treewright_lab::simulated::{ask, normal, report};
+use treewright_lab::simulated::{ask, mean, normal, report};
 
 /// Rounds of one run, and the first that counts.
 const ROUNDS: usize = 80;
@@ -38,10 +38,6 @@ fn run(problem: &Problem, policy: &Policy, seed: u64) -> Vec<f64> {
         problem.regret(cost, &context)
     };
     (0..ROUNDS as i64).map(round).collect()
-}
-
-fn mean(values: &[f64]) -> f64 {
-    values.iter().sum::<f64>() / values.len() as f64
 }
 
 fn main() {

@@ -6,11 +6,11 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use treewright_core::configuration::Configuration;
 use treewright_core::policy::Policy;
-use treewright_core::space::{Domain, Scale, Space};
+use treewright_core::space::{Domain, Parameter, Scale, Space};
 use treewright_core::study::{STATE_TOLERANCE_DEFAULT, StudySpec};
 use treewright_core::tuner::Tuner;
 use treewright_core::value::Value;
-use treewright_lab::simulated::{parameter, share, study};
+use treewright_lab::simulated::{share, study};
 
 /// Contexts on which the best fixed configuration is found.
 const CONTEXTS: usize = 4000;
@@ -184,7 +184,7 @@ impl Problem {
     pub(crate) fn tuner(&self, policy: Policy, seed: u64) -> Tuner {
         let level = Domain::Integer { min: 0, max: 16, scale: Scale::Linear };
         let of = |axis: usize| match self.integers {
-            true => parameter(Self::name_of(axis), level.clone(), Value::Integer(8)),
+            true => Parameter::new(Self::name_of(axis), level.clone(), Value::Integer(8)),
             false => share(Self::name_of(axis)),
         };
         let space = Space::new((0..4).map(of).collect(), vec![]).expect("a valid space");

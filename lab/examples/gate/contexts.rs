@@ -14,7 +14,7 @@ use treewright_core::space::Space;
 use treewright_core::trial::{Fingerprint, Trial};
 use treewright_core::tuner::{Ask, Tuner};
 use treewright_core::value::Value;
-use treewright_lab::simulated::{normal, report, share, study};
+use treewright_lab::simulated::{mean, normal, report, share, study};
 
 use crate::Figures;
 
@@ -70,10 +70,6 @@ fn frame(
     let regret = regret(&trial, context, machine == Some(1));
     report(tuner, &trial, Some((1.0 + regret) * (1.0 + NOISE * normal(random)).max(0.01)));
     regret
-}
-
-fn mean(values: &[f64]) -> f64 {
-    values.iter().sum::<f64>() / values.len() as f64
 }
 
 /// Every round brings another context, alone and beside indicators that say nothing.

@@ -19,16 +19,13 @@
 
 mod world;
 
+use treewright_lab::simulated::mean;
 use world::{Machine, Search, World};
 
 /// Searches that end no more than this above a quiet one count as good.
 const NEAR: f64 = 1.03;
 /// A cost of so much more than the default's is below the start.
 const BELOW_START: f64 = 1.005;
-
-fn mean(values: &[f64]) -> f64 {
-    values.iter().sum::<f64>() / values.len().max(1) as f64
-}
 
 /// The reported gains in a world on a machine, after the search and after its confirmation.
 fn gains(name: &str, world: World, machine: Machine, seeds: u64, trials: usize) {

@@ -4,9 +4,9 @@
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use treewright_core::configuration::Configuration;
-use treewright_core::space::{Domain, Scale, Space};
+use treewright_core::space::{Domain, Parameter, Scale, Space};
 use treewright_core::value::Value;
-use treewright_lab::simulated::{normal, parameter};
+use treewright_lab::simulated::normal;
 
 use crate::problem::Problem;
 
@@ -190,7 +190,7 @@ pub(crate) fn problem(name: &str, seed: u64, counted: bool) -> Problem {
     }
     let parameters = grid.iter().zip(&middle).map(|((name, values), &middle)| {
         let default = if counted { middle as i64 } else { values[middle] };
-        parameter(*name, domain(values), Value::Integer(default))
+        Parameter::new(*name, domain(values), Value::Integer(default))
     });
     let space = Space::new(parameters.collect(), Vec::new()).expect("a valid space");
     let names: Vec<(&str, Vec<i64>)> = grid;
@@ -229,7 +229,7 @@ pub(crate) fn random_effects(seed: u64) -> Problem {
         axes[..4].iter().map(|&axis| (axis, 0.5 + random.random::<f64>())).collect();
     let parameters = levels.iter().enumerate().map(|(axis, &count)| {
         let values = (0..count).map(|step| Value::Integer(1 << step)).collect();
-        parameter(format!("p{axis}"), Domain::Categorical { values }, Value::Integer(1))
+        Parameter::new(format!("p{axis}"), Domain::Categorical { values }, Value::Integer(1))
     });
     let space = Space::new(parameters.collect(), Vec::new()).expect("a valid space");
     let bound = 0.36 * needs.iter().map(|need| need.1).sum::<f64>();

@@ -10,7 +10,7 @@ use rand_chacha::ChaCha8Rng;
 use treewright_core::configuration::Configuration;
 use treewright_core::space::{Condition, Domain, Parameter, Scale, Space};
 use treewright_core::value::Value;
-use treewright_lab::simulated::{parameter, share};
+use treewright_lab::simulated::share;
 
 use crate::grids::hash;
 use crate::problem::Problem;
@@ -205,7 +205,7 @@ fn transform(at: &At) -> Option<f64> {
 /// One of some values; the first is the default.
 fn one_of(name: &str, values: Vec<Value>) -> Parameter {
     let default = values[0].clone();
-    parameter(name, Domain::Categorical { values }, default)
+    Parameter::new(name, Domain::Categorical { values }, default)
 }
 
 fn list(name: &str, values: &[i64]) -> Parameter {
@@ -218,11 +218,11 @@ fn powers(name: &str, from: u32, to: u32) -> Parameter {
 }
 
 fn range(name: &str, min: i64, max: i64, scale: Scale) -> Parameter {
-    parameter(name, Domain::Integer { min, max, scale }, Value::Integer(min))
+    Parameter::new(name, Domain::Integer { min, max, scale }, Value::Integer(min))
 }
 
 fn switch(name: &str) -> Parameter {
-    parameter(name, Domain::Boolean, Value::Boolean(false))
+    Parameter::new(name, Domain::Boolean, Value::Boolean(false))
 }
 
 fn names(name: &str, values: &[&str]) -> Parameter {
