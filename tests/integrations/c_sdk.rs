@@ -74,17 +74,18 @@ fn install(prefix: &Path) {
     succeed(Command::new("bash").arg(file("c/install.sh")).arg(prefix).arg(built()));
 }
 
-/// Compiles a source against the installed library.
+/// Compiles a source against the installed library. The options stand after the source, where the linker wants
+/// the names of further libraries.
 fn compile(compiler: &str, options: &[&str], source: &Path, prefix: &Path, program: &str) -> PathBuf {
     let program = prefix.join(program);
     let library = prefix.join("lib");
     succeed(
         Command::new(compiler)
-            .args(options)
             .args(["-g", "-Wall", "-Wextra", "-Werror", "-I"])
             .args([prefix.join("include").as_os_str(), source.as_os_str(), OsStr::new("-o")])
             .args([program.as_os_str(), OsStr::new("-L"), library.as_os_str(), OsStr::new("-ltreewright")])
-            .args([format!("-Wl,-rpath,{}", library.display()).as_str(), "-lpthread", "-lm"]),
+            .args([format!("-Wl,-rpath,{}", library.display()).as_str(), "-lpthread", "-lm"])
+            .args(options),
     );
     program
 }
@@ -186,30 +187,9 @@ pub(crate) fn embree_example(folder: &Path) -> PathBuf {
     install(folder);
     let library = workspace().join("target/native/embree/lib").canonicalize().expect("Embree, by make setup");
     let headers = format!("-isystem{}", embree_headers().display());
-    let link = format!("-L{}", library.display());
-    let run_path = format!("-Wl,-rpath,{}", library.display());
-    let options = ["-std=c++17", "-O2", &headers];
-    let source = file("c/examples/embree_tuned.cpp");
-    // The libraries stand after the source, as the linker wants them.
-    let object = folder.join("embree_tuned.o");
-    let include = folder.join("include");
-    succeed(Command::new("c++").args(options).args(["-Wall", "-Wextra", "-Werror", "-c", "-I"]).args([
-        include.as_os_str(),
-        source.as_os_str(),
-        OsStr::new("-o"),
-        object.as_os_str(),
-    ]));
-    let embree = [link.as_str(), run_path.as_str(), "-lembree4"];
-    let program = folder.join("embree_tuned");
-    let ours = folder.join("lib");
-    succeed(
-        Command::new("c++")
-            .args([object.as_os_str(), OsStr::new("-o"), program.as_os_str()])
-            .args(embree)
-            .args([format!("-L{}", ours.display()), format!("-Wl,-rpath,{}", ours.display())])
-            .arg("-ltreewright"),
-    );
-    program
+    let (link, run_path) = (format!("-L{}", library.display()), format!("-Wl,-rpath,{}", library.display()));
+    let options = ["-std=c++17", "-O2", &headers, &link, &run_path, "-lembree4"];
+    compile("c++", &options, &file("c/examples/embree_tuned.cpp"), folder, "embree_tuned")
 }
 
 #[test]
@@ -220,19 +200,9 @@ fn a_renderer_on_embree_is_tuned() {
     let folder = tempfile::tempdir().expect("a folder");
     let program = embree_example(folder.path());
     let daemon = Daemon::start(&folder.path().join("tuning.db"));
-    let said = succeed(Command::new(&program).args([
-        "--url",
-        daemon.url(),
-        "--frames",
-        "12",
-        "--size",
-        "16",
-        "--rounds",
-        "1",
-        // A long deadline, because this test does not measure the speed of the daemon.
-        "--deadline",
-        "20000",
-    ]));
+    // A long deadline, because this test does not measure the speed of the daemon.
+    let few = ["--frames", "12", "--size", "16", "--rounds", "1", "--deadline", "20000", "--url"];
+    let said = succeed(Command::new(&program).args(few).arg(daemon.url()));
     let lines: Vec<serde_json::Value> =
         said.lines().map(|line| serde_json::from_str(line).expect("JSON")).collect();
     assert_eq!(lines.len(), 3, "{said}");
