@@ -7,7 +7,7 @@ use treewright_tests::ports::lasting_port;
 
 use crate::user::User;
 
-/// The superuser's password. It stands in addresses, so that a test can look for it in logs.
+/// The superuser's password, which stands in addresses.
 const PASSWORD: &str = "only-for-tests";
 
 /// Waits until the process that started it is gone, however it went, and then clears up: the server, and
@@ -64,25 +64,12 @@ impl Server {
         format!("postgres://postgres:{PASSWORD}@127.0.0.1:{}/{database}", self.port)
     }
 
-    /// The password in the addresses.
-    pub fn password(&self) -> &'static str {
-        PASSWORD
-    }
-
     /// Stops it as a restart of the machine would: sessions are ended, nothing acknowledged is lost.
     ///
     /// # Panics
     /// When it does not stop.
     pub fn stop(&self) {
         succeed(&mut self.control(&["-m", "fast", "stop"]), "pg_ctl stop");
-    }
-
-    /// Stops it as a power cut would.
-    ///
-    /// # Panics
-    /// When it does not stop.
-    pub fn crash(&self) {
-        succeed(&mut self.control(&["-m", "immediate", "stop"]), "pg_ctl stop");
     }
 
     /// Starts it again at its old address.
