@@ -11,6 +11,7 @@
 use std::collections::HashMap;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
+use std::time::Duration;
 
 use async_trait::async_trait;
 use tokio::sync::{mpsc, oneshot};
@@ -28,7 +29,7 @@ use treewright_store::{
 use crate::claims::{Known, lock};
 use crate::durable::{Durable, now};
 use crate::plan::Bug;
-use crate::world::World;
+use crate::world::{Trouble, World};
 
 /// Most writes of one transaction, and most that wait.
 const GROUP: usize = 64;
@@ -127,7 +128,7 @@ impl SimulatedDisk {
         self.world.awake(self.replica).await;
         if !self.alive.load(Ordering::SeqCst) {
             Err(StoreError::Closed)
-        } else if self.world.is_away(self.replica) {
+        } else if self.world.is_in(Trouble::Away, self.replica) {
             Err(StoreError::Unavailable { problem: "the simulated database is away".to_owned() })
         } else {
             Ok(())
@@ -180,13 +181,13 @@ impl Writer {
                 }
                 return;
             }
-            if self.world.disk_is_full() || self.world.chance(self.world.plan.write_fails) {
+            if self.world.is_in(Trouble::Full, 0) || self.world.chance(self.world.plan.write_fails) {
                 self.world.count(|counts| counts.failed_writes += 1);
                 let error = StoreError::Unavailable { problem: "the simulated disk failed".to_owned() };
                 group.into_iter().for_each(|job| refuse(job, &error));
                 continue;
             }
-            if self.world.is_away(self.replica) {
+            if self.world.is_in(Trouble::Away, self.replica) {
                 self.lose_touch(group);
                 continue;
             }
@@ -214,7 +215,9 @@ impl Writer {
     fn lose_touch(&self, group: Vec<Job>) {
         self.world.count(|counts| counts.unsure_writes += 1);
         let error = StoreError::Unavailable { problem: "the simulated database is away".to_owned() };
-        if self.world.is_leaving(self.replica) && self.world.chance(0.5) {
+        // In the first second its last messages may have arrived.
+        let away = self.world.troubled(Trouble::Away, self.replica);
+        if away.is_some_and(|time| time < Duration::from_secs(1)) && self.world.chance(0.5) {
             for job in group {
                 let fence = job.write.as_ref().map(|(fence, _)| fence.clone());
                 let (answer, _) = self.apply_one(job);

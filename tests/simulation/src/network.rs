@@ -10,7 +10,7 @@ use tonic::Code;
 use crate::claims::lock;
 use crate::forward;
 use crate::requests::{Answer, Request};
-use crate::world::World;
+use crate::world::{Trouble, World};
 
 /// Why a call gave nothing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -59,7 +59,7 @@ fn arrives(world: &World, client: u32) -> bool {
     if world.is_calm() {
         return true;
     }
-    if world.is_cut_off(client) || world.chance(world.plan.loss) {
+    if world.is_in(Trouble::Cut, client as usize) || world.chance(world.plan.loss) {
         world.count(|counts| counts.lost_messages += 1);
         return false;
     }

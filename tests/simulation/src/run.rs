@@ -8,7 +8,7 @@ use treewright_server::convert::from_proto;
 use treewright_store::Store as _;
 
 use crate::plan::Plan;
-use crate::world::{Outcome, PATIENCE, START_MS, World};
+use crate::world::{Outcome, PATIENCE, START_MS, Trouble, World};
 use crate::{client, machine_life, replay, requests};
 
 /// Length of the quiet after the last event, in which all calls end.
@@ -38,10 +38,9 @@ async fn live(plan: Plan) -> Outcome {
     for index in 0..world.plan.replicas {
         tokio::spawn(machine_life::live(Arc::clone(&world), index));
     }
-    tokio::spawn(fill_the_disk(Arc::clone(&world)));
-    tokio::spawn(cut_clients_off(Arc::clone(&world)));
-    tokio::spawn(cut_machines_off(Arc::clone(&world)));
-    tokio::spawn(put_machines_to_sleep(Arc::clone(&world)));
+    for trouble in [Trouble::Full, Trouble::Cut, Trouble::Away, Trouble::Asleep] {
+        tokio::spawn(make(Arc::clone(&world), trouble));
+    }
     tokio::spawn(watch(Arc::clone(&world)));
     let clients: Vec<_> = (0..world.plan.clients)
         .map(|number| tokio::spawn(client::live(Arc::clone(&world), number)))
@@ -65,45 +64,34 @@ async fn live(plan: Plan) -> Outcome {
     world.end()
 }
 
-/// Fills the disk now and then; a while later there is room again.
-async fn fill_the_disk(world: Arc<World>) {
-    while world.wait_for_trouble(world.plan.full_every_ms).await {
-        world.fill_disk(world.time_ms(3_000.0));
-        world.count(|counts| counts.full_disks += 1);
-        world.step("disk full");
-    }
-}
-
-/// Cuts a client off now and then.
-async fn cut_clients_off(world: Arc<World>) {
-    while world.wait_for_trouble(world.plan.partition_every_ms).await {
-        let time = world.time_ms(world.plan.partition_ms);
-        let client = world.below(u64::from(world.plan.clients)) as usize;
-        world.cut_off(client, time);
-        world.count(|counts| counts.partitions += 1);
-        world.step("partition");
-    }
-}
-
-/// Cuts a machine off from a shared database now and then.
-async fn cut_machines_off(world: Arc<World>) {
-    while world.plan.replicas > 1 && world.wait_for_trouble(world.plan.away_every_ms).await {
-        let time = world.time_ms(world.plan.away_ms);
-        let replica = world.below(world.plan.replicas as u64) as usize;
-        world.take_database_away(replica, time);
-        world.count(|counts| counts.absences += 1);
-        world.step("database away");
-    }
-}
-
-/// Stops a machine in its tracks now and then, as a hypervisor does; it goes on as if no time had passed.
-async fn put_machines_to_sleep(world: Arc<World>) {
-    while world.wait_for_trouble(world.plan.sleep_every_ms).await {
-        let time = world.time_ms(world.plan.sleep_ms).min(PATIENCE / 3);
-        let replica = world.below(world.plan.replicas as u64) as usize;
-        world.put_to_sleep(replica, time);
-        world.count(|counts| counts.sleeps += 1);
-        world.step("asleep");
+/// Makes a trouble now and then.
+async fn make(world: Arc<World>, trouble: Trouble) {
+    let plan = &world.plan;
+    let (what, every_ms, ms) = match trouble {
+        Trouble::Full => ("disk full", plan.full_every_ms, 3_000.0),
+        Trouble::Cut => ("partition", plan.partition_every_ms, plan.partition_ms),
+        // A single machine has its database at hand.
+        Trouble::Away if plan.replicas == 1 => return,
+        Trouble::Away => ("database away", plan.away_every_ms, plan.away_ms),
+        Trouble::Asleep => ("asleep", plan.sleep_every_ms, plan.sleep_ms),
+    };
+    while world.wait_for_trouble(every_ms).await {
+        let time = world.time_ms(ms);
+        let replica = || world.below(plan.replicas as u64) as usize;
+        match trouble {
+            Trouble::Full => world.bring(trouble, 0, time),
+            Trouble::Cut => world.bring(trouble, world.below(u64::from(plan.clients)) as usize, time),
+            Trouble::Away => world.bring(trouble, replica(), time),
+            // It goes on as if no time had passed, as under a hypervisor.
+            Trouble::Asleep => world.bring(trouble, replica(), time.min(PATIENCE / 3)),
+        }
+        world.count(|counts| match trouble {
+            Trouble::Full => counts.full_disks += 1,
+            Trouble::Cut => counts.partitions += 1,
+            Trouble::Away => counts.absences += 1,
+            Trouble::Asleep => counts.sleeps += 1,
+        });
+        world.step(what);
     }
 }
 

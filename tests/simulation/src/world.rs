@@ -1,5 +1,6 @@
 //! A world: its time, its chance, its troubles, its machines and its books, shared by all its parts.
 
+use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::Duration;
 
@@ -42,6 +43,19 @@ pub struct Outcome {
     pub violations: Vec<Violation>,
 }
 
+/// A trouble that lasts for a time.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) enum Trouble {
+    /// The disk is full, for all machines.
+    Full,
+    /// A client is cut off from everything.
+    Cut,
+    /// A machine is cut off from the database.
+    Away,
+    /// A machine has stopped in its tracks.
+    Asleep,
+}
+
 /// The state that all parts of a world share.
 pub(crate) struct World {
     pub(crate) plan: Plan,
@@ -62,12 +76,8 @@ struct Inner {
     /// Nothing goes wrong any more.
     is_calm: bool,
     machines: Vec<Option<Machine>>,
-    full_until: Option<Instant>,
-    cut_until: Vec<Option<Instant>>,
-    /// When each machine lost the database, and until when.
-    away: Vec<Option<(Instant, Instant)>>,
-    /// When each machine stopped in its tracks, and until when.
-    asleep: Vec<Option<(Instant, Instant)>>,
+    /// When the last trouble of a kind of each client or machine began, and until when it lasts.
+    troubles: BTreeMap<(Trouble, usize), (Instant, Instant)>,
     /// Answers that the planted defect keeps for ever.
     forgotten: Vec<oneshot::Sender<Result<(), StoreError>>>,
 }
@@ -76,9 +86,6 @@ impl World {
     pub(crate) fn new(plan: Plan) -> Self {
         let inner = Inner {
             machines: (0..plan.replicas).map(|_| None).collect(),
-            cut_until: vec![None; plan.clients as usize],
-            away: vec![None; plan.replicas],
-            asleep: vec![None; plan.replicas],
             fingerprint: fnv::EMPTY,
             ..Inner::default()
         };
@@ -119,26 +126,10 @@ impl World {
         }
     }
 
-    /// Fills the disk for a time.
-    pub(crate) fn fill_disk(&self, time: Duration) {
-        self.lock().full_until = Some(Instant::now() + time);
-    }
-
-    /// Cuts a client off for a time.
-    pub(crate) fn cut_off(&self, client: usize, time: Duration) {
-        self.lock().cut_until[client] = Some(Instant::now() + time);
-    }
-
-    /// Cuts a machine off from the database for a time.
-    pub(crate) fn take_database_away(&self, replica: usize, time: Duration) {
+    /// Brings a trouble upon a client or machine.
+    pub(crate) fn bring(&self, trouble: Trouble, whose: usize, time: Duration) {
         let now = Instant::now();
-        self.lock().away[replica] = Some((now, now + time));
-    }
-
-    /// Stops a machine in its tracks for a time.
-    pub(crate) fn put_to_sleep(&self, replica: usize, time: Duration) {
-        let now = Instant::now();
-        self.lock().asleep[replica] = Some((now, now + time));
+        self.lock().troubles.insert((trouble, whose), (now, now + time));
     }
 
     /// The machine that holds a study, where it is another one and lives.
@@ -228,7 +219,10 @@ impl World {
     /// A living machine answers every call.
     pub(crate) fn look_for_stuck_calls(&self) {
         let now = Instant::now();
-        let slept = |inner: &Inner| inner.asleep.iter().flatten().any(|(_, until)| *until + PATIENCE > now);
+        let slept = |inner: &Inner| {
+            let mut all = inner.troubles.iter();
+            all.any(|((trouble, _), (_, until))| *trouble == Trouble::Asleep && *until + PATIENCE > now)
+        };
         // A machine that sleeps does not answer, and its callers wait; the last look comes when all machines
         // have long been awake.
         if !self.is_calm() && slept(&self.lock()) {
@@ -259,45 +253,29 @@ impl World {
         !self.is_calm()
     }
 
-    pub(crate) fn disk_is_full(&self) -> bool {
+    /// For how long a client or machine has been in a trouble.
+    pub(crate) fn troubled(&self, trouble: Trouble, whose: usize) -> Option<Duration> {
         let inner = self.lock();
-        !inner.is_calm && inner.full_until.is_some_and(|until| Instant::now() < until)
-    }
-
-    pub(crate) fn is_cut_off(&self, client: u32) -> bool {
-        let inner = self.lock();
-        !inner.is_calm && inner.cut_until[client as usize].is_some_and(|until| Instant::now() < until)
-    }
-
-    /// For how long a machine has been in a trouble.
-    fn troubled(&self, of: impl Fn(&Inner) -> Option<(Instant, Instant)>) -> Option<Duration> {
-        let inner = self.lock();
-        let (since, until) = of(&inner).filter(|_| !inner.is_calm)?;
+        let (since, until) = *inner.troubles.get(&(trouble, whose)).filter(|_| !inner.is_calm)?;
         let now = Instant::now();
         (now < until).then(|| now - since)
     }
 
-    /// Whether a machine cannot reach the database.
-    pub(crate) fn is_away(&self, replica: usize) -> bool {
-        self.troubled(|inner| inner.away[replica]).is_some()
-    }
-
-    /// Whether it lost the database less than a second ago, so that its last messages may have arrived.
-    pub(crate) fn is_leaving(&self, replica: usize) -> bool {
-        self.troubled(|inner| inner.away[replica]).is_some_and(|time| time < Duration::from_secs(1))
+    /// Whether a client or machine is in a trouble.
+    pub(crate) fn is_in(&self, trouble: Trouble, whose: usize) -> bool {
+        self.troubled(trouble, whose).is_some()
     }
 
     /// Whether the database takes it for dead.
     fn has_lapsed(&self, replica: usize) -> bool {
-        let away = self.troubled(|inner| inner.away[replica]);
-        let asleep = self.troubled(|inner| inner.asleep[replica]);
-        away.max(asleep).is_some_and(|time| time > REPLICA_LAPSE)
+        let troubled = |trouble| self.troubled(trouble, replica);
+        troubled(Trouble::Away).max(troubled(Trouble::Asleep)).is_some_and(|time| time > REPLICA_LAPSE)
     }
 
     /// Waits until a machine is awake.
     pub(crate) async fn awake(&self, replica: usize) {
-        while self.troubled(|inner| inner.asleep[replica]).is_some() {
-            let until = self.lock().asleep[replica].map_or_else(Instant::now, |(_, until)| until);
+        while self.is_in(Trouble::Asleep, replica) {
+            let (_, until) = self.lock().troubles[&(Trouble::Asleep, replica)];
             sleep_until(until).await;
         }
     }
