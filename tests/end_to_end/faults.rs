@@ -1,10 +1,9 @@
-//! Faults of disk, files, locks and clocks under a running daemon: the errors of clients, the service that
-//! goes on, and the data afterwards. `docs/durability.md` has the table of these faults.
+//! Faults of disk, log and clock under a running daemon: the errors of clients, the service that goes on, and
+//! the data afterwards. `docs/durability.md` has the table of these and other faults; `server/store/tests` has
+//! locks of other programs, and files that are damaged or replaced.
 
 use std::collections::BTreeSet;
-use std::io::{BufRead as _, BufReader, Write as _};
-use std::path::Path;
-use std::process::{Command, Stdio};
+use std::io::Write as _;
 use std::time::{Duration, Instant};
 
 use tonic::transport::Channel;
@@ -12,11 +11,11 @@ use tonic::{Code, Status};
 use treewright_proto::v1 as pb;
 use treewright_proto::v1::tuning_service_client::TuningServiceClient;
 use treewright_tests::daemon::Daemon;
-use treewright_tests::programs::{program, run, stderr};
+use treewright_tests::programs::{program, stderr};
 use treewright_tests::sandbox::{Clock, SmallDisk, skip};
 
 use crate::locks::beside;
-use crate::site::{Killed, Site, assert_sound, back_up, path_text, restore};
+use crate::site::{assert_sound, path_text};
 use crate::wire;
 
 /// Longest wait for something that should happen by itself.
@@ -94,13 +93,6 @@ fn refused(status: &Status, reason: &str) {
     assert!(status.message().contains(reason), "{status}");
 }
 
-/// The message of a start that must fail.
-fn failed_start(database: &Path) -> String {
-    let output = run("treewrightd", &["serve", "--listen", "127.0.0.1:0", "--database", path_text(database)]);
-    assert_eq!(output.status.code(), Some(4), "{}", stderr(&output));
-    stderr(&output)
-}
-
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_full_disk_stops_writes_and_nothing_else() {
     let folder = tempfile::tempdir().expect("a scratch folder");
@@ -137,45 +129,6 @@ async fn a_full_disk_stops_writes_and_nothing_else() {
     book.reconnect(&daemon).await;
     book.reads().await;
     book.frames(5).await;
-}
-
-/// Another program that holds the file, until it is dropped.
-fn holder_of(database: &Path) -> Killed {
-    let script = "import sqlite3, sys\n\
-                  c = sqlite3.connect(sys.argv[1], isolation_level=None, timeout=60)\n\
-                  c.execute('BEGIN IMMEDIATE')\n\
-                  print('held', flush=True)\n\
-                  sys.stdin.read()";
-    let mut python = Command::new("python3");
-    python.args(["-c", script]).arg(database).stdin(Stdio::piped()).stdout(Stdio::piped());
-    let mut holder = Killed(python.spawn().expect("python3 runs"));
-    let mut line = String::new();
-    BufReader::new(holder.0.stdout.as_mut().expect("piped")).read_line(&mut line).expect("a line");
-    assert_eq!(line.trim(), "held");
-    holder
-}
-
-#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_lock_of_another_program_is_waited_for_and_then_told() {
-    let site = Site::new();
-    let database = site.database();
-    let mut book = Book::open(&site.daemon).await;
-    book.frames(5).await;
-    let holder = holder_of(&database);
-    refused(&book.refusal(1).await, "locked");
-    book.reads().await;
-    drop(holder);
-    book.recovers().await;
-    book.reads().await;
-    assert!(site.daemon.terminate().success());
-
-    let holder = holder_of(&database);
-    let said = failed_start(&database);
-    assert!(said.contains("is locked by another process"), "{said}");
-    drop(holder);
-    let daemon = Daemon::start(&database);
-    book.reconnect(&daemon).await;
-    book.reads().await;
 }
 
 /// The write-ahead log as a power cut may leave it: cut off, garbled, with leftovers behind its end.
@@ -243,54 +196,6 @@ async fn of_a_torn_log_everything_up_to_the_tear_is_there() {
         assert!(daemon.terminate().success(), "{what}");
         assert_sound(&torn);
     }
-}
-
-#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_damaged_file_is_refused_and_its_backup_serves() {
-    let folder = tempfile::tempdir().expect("a scratch folder");
-    let database = folder.path().join("tuning.db");
-    let backup = folder.path().join("backup.db");
-    let daemon = Daemon::start(&database);
-    let mut book = Book::open(&daemon).await;
-    book.frames(40).await;
-    let copied = back_up(&database, &backup, &[]);
-    assert!(copied.status.success(), "{}", stderr(&copied));
-    assert!(daemon.terminate().success());
-    assert!(!beside(&database, "-wal").exists(), "a daemon that is told to stop folds its log");
-    let mut bytes = std::fs::read(&database).expect("a file");
-    let middle = bytes.len() / 2 / 4096 * 4096;
-    bytes[middle..middle + 4096].fill(0x5a);
-    std::fs::write(&database, &bytes).expect("damage");
-
-    let said = failed_start(&database);
-    assert!(said.contains("is damaged") && said.contains("treewrightd restore"), "{said}");
-    let checked = run("treewrightd", &["check", "--database", path_text(&database)]);
-    assert_eq!(checked.status.code(), Some(4), "{}", stderr(&checked));
-    let restored = restore(&backup, &database);
-    assert!(restored.status.success(), "{}", stderr(&restored));
-    let daemon = Daemon::start(&database);
-    book.reconnect(&daemon).await;
-    book.reads().await;
-    book.frames(3).await;
-}
-
-#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_file_that_is_replaced_under_the_daemon_is_not_written_to() {
-    let site = Site::new();
-    let (database, elsewhere) = (site.database(), site.file("elsewhere.db"));
-    let mut book = Book::open(&site.daemon).await;
-    book.frames(5).await;
-    std::fs::rename(&database, &elsewhere).expect("it can be moved");
-    refused(&book.refusal(1).await, "moved, deleted or replaced");
-    std::fs::create_dir(&database).expect("a directory");
-    refused(&book.refusal(1).await, "moved, deleted or replaced");
-    book.reads().await;
-    std::fs::remove_dir(&database).expect("no directory");
-    std::fs::rename(&elsewhere, &database).expect("back again");
-    book.recovers().await;
-    let site = site.killed();
-    book.reconnect(&site.daemon).await;
-    book.reads().await;
 }
 
 #[test]
