@@ -265,25 +265,3 @@ fn kinds(mut bytes: &[u8]) -> Vec<(u8, usize)> {
     }
     kinds
 }
-
-/// One daemon after the other on one socket, as a service manager restarts them.
-#[test]
-fn the_socket_of_a_successor_stays() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let socket = folder.path().join("daemon.sock");
-    let arguments = ["--socket", socket.to_str().expect("plain"), "--socket-only"];
-    for round in 0..12 {
-        let (one, other) = (folder.path().join("a.db"), folder.path().join("b.db"));
-        let first = Daemon::start_with(&one, &arguments, &folder.path().join("a.log"));
-        first.signal("TERM");
-        let begin = Instant::now();
-        // As soon as the first has given its socket up.
-        while socket.exists() && UnixStream::connect(&socket).is_ok() {
-            assert!(begin.elapsed() < PATIENCE);
-        }
-        let next = Daemon::start_with(&other, &arguments, &folder.path().join("b.log"));
-        assert!(first.terminate().success());
-        assert!(socket.exists() && answers_over(&socket, "localhost"), "round {round}");
-        assert!(next.terminate().success());
-    }
-}

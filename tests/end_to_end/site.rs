@@ -125,16 +125,6 @@ pub(crate) fn restore(from: &Path, database: &Path) -> Output {
     run("treewrightd", &["restore", "--from", path_text(from), "--database", path_text(database)])
 }
 
-/// A process that is killed when dropped.
-pub(crate) struct Killed(pub(crate) Child);
-
-impl Drop for Killed {
-    fn drop(&mut self) {
-        let _ = self.0.kill();
-        let _ = self.0.wait();
-    }
-}
-
 /// Sends a signal, such as `INT`.
 pub(crate) fn signal(child: &Child, name: &str) {
     let sent = Command::new("kill").args([&format!("-{name}"), &child.id().to_string()]).status();

@@ -1,31 +1,23 @@
-//! Unix sockets, sockets that the system passes on, and the default id of a client.
+//! Unix sockets, and sockets that the system passes on.
 
-use std::io::{BufRead as _, BufReader};
 use std::net::TcpListener;
 use std::os::fd::OwnedFd;
 use std::os::unix::net::UnixListener;
-use std::process::{Command, Stdio};
+use std::process::Command;
 use std::time::Duration;
 
-use treewright_client::{Client, Indicators, Options, Outcome, Study};
+use treewright_client::{Client, Indicators, Options, Outcome};
 use treewright_tests::daemon::Daemon;
 use treewright_tests::programs::{program, stderr};
 
 use crate::lockouts::answers_over;
-use crate::site::{Killed, Site, leaf_study};
-
-/// The address of the daemon, for a client that runs as a process of its own.
-const URL: &str = "TREEWRIGHT_TEST_URL";
-
-async fn study(url: &str, options: Options) -> (Client, Study) {
-    let client = Client::connect(url, options.deadline(Duration::from_secs(60))).expect("a good address");
-    let study = client.study("hall", leaf_study()).await.expect("a study");
-    (client, study)
-}
+use crate::site::leaf_study;
 
 /// One frame, durable from end to end.
 async fn frame(url: &str) {
-    let (client, study) = study(url, Options::new().client_id("a")).await;
+    let options = Options::new().client_id("a").deadline(Duration::from_secs(60));
+    let client = Client::connect(url, options).expect("a good address");
+    let study = client.study("hall", leaf_study()).await.expect("a study");
     let suggestion = study.suggest(&Indicators::from([("triangles", 3.0)])).await;
     assert!(suggestion.trial().is_some(), "{suggestion:?}");
     suggestion.report([("render_ms", 2.0)].into(), Outcome::Ok).expect("measured");
@@ -102,36 +94,4 @@ async fn sockets_that_the_system_opened_take_the_place_of_others() {
     frame(daemon.url()).await;
     assert!(daemon.terminate().success());
     assert!(socket.exists(), "it is the system's");
-}
-
-/// The process that [`who_starts_again_gets_its_open_trial_back`] starts: asks once with the default id,
-/// prints its trial, and waits to be killed. Among the other tests it does nothing.
-#[tokio::test]
-async fn client_of_another_test() {
-    let Ok(url) = std::env::var(URL) else { return };
-    let (_client, study) = study(&url, Options::new()).await;
-    let suggestion = study.suggest(&Indicators::from([("triangles", 3.0)])).await;
-    println!("trial={}", suggestion.trial().expect("a trial"));
-    std::future::pending().await
-}
-
-/// Starts it, and reads the trial's name.
-fn client(url: &str) -> (Killed, String) {
-    let mut command = Command::new(std::env::current_exe().expect("this program"));
-    command.args(["--exact", "sockets::client_of_another_test", "--nocapture"]).env(URL, url);
-    let mut running = Killed(command.stdout(Stdio::piped()).spawn().expect("it starts"));
-    let mut lines = BufReader::new(running.0.stdout.take().expect("it is piped")).lines();
-    let trial = lines.find_map(|line| Some(line.ok()?.split_once("trial=")?.1.to_owned()));
-    (running, trial.expect("it says its trial"))
-}
-
-#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn who_starts_again_gets_its_open_trial_back() {
-    let site = Site::new();
-    let (first, of_first) = client(site.url());
-    let (_second, of_second) = client(site.url());
-    assert_ne!(of_first, of_second, "two that run side by side have an id each");
-    drop(first);
-    let (_again, trial) = client(site.url());
-    assert_eq!(trial, of_first, "the one that was killed has the same id again");
 }
