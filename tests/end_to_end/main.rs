@@ -21,7 +21,6 @@ mod sampling;
 mod security;
 mod site;
 mod sockets;
-mod spaces;
 mod storm;
 mod tuning;
 mod unit;
