@@ -69,18 +69,11 @@ async fn no_option_costs_the_daemon_its_locks() {
     let folder = tempfile::tempdir().expect("a scratch folder");
     let socket = folder.path().join("daemon.sock");
     let (metrics, dashboard) = (lasting_address(), lasting_address());
-    let options: [&[&str]; 10] = [
-        &[],
-        &["--tokens"],
-        &["--keep-trials", "20000"],
-        &["--metrics", &metrics],
-        &["--dashboard", &dashboard],
-        &["--socket", socket.to_str().expect("plain")],
-        &["--socket-only", "--socket", socket.to_str().expect("plain")],
-        &["--idle-exit-s", "600"],
-        &["--otlp", "http://127.0.0.1:9"],
-        &["--tokens", "--keep-trials", "20000", "--metrics", &metrics, "--dashboard", &dashboard],
-    ];
+    let socket = socket.to_str().expect("plain");
+    let everything = ["--tokens", "--keep-trials", "20000", "--metrics", &metrics, "--dashboard", &dashboard];
+    let more = ["--socket", socket, "--idle-exit-s", "600", "--otlp", "http://127.0.0.1:9"];
+    let everything = [&everything[..], &more].concat();
+    let options: [&[&str]; 3] = [&[], &everything, &["--socket-only", "--socket", socket]];
     let log = folder.path().join("log");
     for (number, options) in options.iter().enumerate() {
         let database = folder.path().join(format!("{number}.db"));
