@@ -158,7 +158,7 @@ async fn no_request_costs_the_daemon_its_locks() {
         get(&metrics, page, "");
         held(daemon, &database, page);
     }
-    let cookie = format!("Cookie: treewright={admin}\r\n");
+    let cookie = format!("Cookie: treewright_token={admin}\r\n");
     for page in ["/", "/login", "/style.css", "/studies/first", "/none"] {
         get(&dashboard, page, &cookie);
         held(daemon, &database, page);
