@@ -203,9 +203,11 @@ fn what_fails_is_infeasible_and_what_cannot_work_at_all_is_an_error() {
 #[test]
 fn a_local_daemon_is_started_once_and_ends_by_itself() {
     let home = tempfile::tempdir().expect("a folder");
-    let program = || at_home(home.path(), Some(&home.path().join("run")));
-    let begin = |_: usize| {
-        let mut command = program();
+    // A job of cron has no session.
+    let session = home.path().join("run");
+    let program = |number: usize| at_home(home.path(), (number % 2 == 0).then_some(&*session));
+    let begin = |number: usize| {
+        let mut command = program(number);
         command.args(["--server", "local", "--json", "ping"]);
         command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("the program starts")
     };
@@ -218,7 +220,7 @@ fn a_local_daemon_is_started_once_and_ends_by_itself() {
 
     // Another call in the same home finds it; its studies stay for the next daemon.
     let toy = ["exec", "toy", "--tune", "level=1..30:3", "--trials", "3", "--", "true", "{level}"];
-    let done = program().arg("--json").args(toy).output().expect("the program starts");
+    let done = program(1).arg("--json").args(toy).output().expect("the program starts");
     assert_eq!(json(&done)["trials"], 3);
     let url = servers[0].as_str().expect("text").to_owned();
     let patience = Instant::now() + Duration::from_secs(60);
@@ -227,7 +229,7 @@ fn a_local_daemon_is_started_once_and_ends_by_itself() {
         // Each question puts its end off.
         std::thread::sleep(Duration::from_secs(8));
     }
-    let studies = program().args(["--json", "studies"]).output().expect("the program starts");
+    let studies = program(0).args(["--json", "studies"]).output().expect("the program starts");
     assert_eq!(json(&studies)[0]["statistics"]["completed_trials"], 3);
 }
 

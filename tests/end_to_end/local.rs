@@ -4,7 +4,6 @@
 use std::os::unix::fs::{PermissionsExt as _, chown, symlink};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
-use std::time::{Duration, Instant};
 
 use treewright_tests::programs::{program, stderr};
 use treewright_tests::sandbox::skip;
@@ -26,8 +25,8 @@ pub(crate) fn at_home(home: &Path, session: Option<&Path>) -> Command {
     command
 }
 
-fn ping(home: &Path, session: Option<&Path>) -> Output {
-    let mut command = at_home(home, session);
+fn ping(home: &Path) -> Output {
+    let mut command = at_home(home, None);
     command.args(["--server", "local", "--json", "ping"]).output().expect("the program starts")
 }
 
@@ -44,29 +43,6 @@ fn data(home: &Path) -> PathBuf {
     home.join(".local/share/treewright")
 }
 
-fn is_started(output: &Output) -> bool {
-    stderr(output).contains("started a local daemon")
-}
-
-#[test]
-fn a_job_without_a_session_finds_the_daemon_of_the_desk() {
-    let home = tempfile::tempdir().expect("a home");
-    let session = home.path().join("session");
-    std::fs::create_dir(&session).expect("a folder");
-    let desk = ping(home.path(), Some(&session));
-    let begun = Instant::now();
-    let cron = ping(home.path(), None);
-    assert!(is_started(&desk) && !is_started(&cron), "{}{}", stderr(&desk), stderr(&cron));
-    assert_eq!(server(&desk), server(&cron));
-    assert!(begun.elapsed() < Duration::from_secs(10), "{:?}", begun.elapsed());
-    let other = tempfile::tempdir().expect("another home");
-    assert_ne!(
-        server(&ping(other.path(), Some(&session))),
-        server(&cron),
-        "another database, another daemon"
-    );
-}
-
 /// The path of a socket has 107 bytes at most; a port of the loopback would be open to every user of the
 /// machine.
 #[test]
@@ -74,9 +50,9 @@ fn a_long_path_is_no_reason_to_listen_on_a_port() {
     let folder = tempfile::tempdir().expect("a folder");
     let home = folder.path().join("long".repeat(30));
     std::fs::create_dir(&home).expect("a home");
-    let first = ping(&home, None);
+    let first = ping(&home);
     assert!(server(&first).starts_with("unix:/tmp/treewright-"), "{}", server(&first));
-    assert_eq!(server(&first), server(&ping(&home, None)));
+    assert_eq!(server(&first), server(&ping(&home)));
     let socket = PathBuf::from(server(&first).trim_start_matches("unix:"));
     let runtime = socket.parent().expect("a folder");
     assert_eq!(std::fs::metadata(runtime).expect("there").permissions().mode() & 0o777, 0o700);
@@ -86,7 +62,7 @@ fn a_long_path_is_no_reason_to_listen_on_a_port() {
 #[test]
 fn folders_that_are_not_the_users_alone_are_not_used() {
     let home = tempfile::tempdir().expect("a home");
-    let url = server(&ping(home.path(), None));
+    let url = server(&ping(home.path()));
     let runtime = PathBuf::from(url.trim_start_matches("unix:"));
     let runtime = runtime.parent().expect("a folder").file_name().expect("a name").to_owned();
 
@@ -97,7 +73,7 @@ fn folders_that_are_not_the_users_alone_are_not_used() {
     std::fs::create_dir(&diary).expect("a folder");
     std::fs::write(diary.join("daemon.log"), "dear diary").expect("written");
     symlink(&diary, data(home.path()).join(&runtime)).expect("a link");
-    refused(&ping(home.path(), None), "is a link");
+    refused(&ping(home.path()), "is a link");
     assert_eq!(std::fs::read_to_string(diary.join("daemon.log")).expect("there"), "dear diary");
     std::fs::remove_file(data(home.path()).join(&runtime)).expect("removed");
 
@@ -106,11 +82,11 @@ fn folders_that_are_not_the_users_alone_are_not_used() {
         std::fs::set_permissions(folder, std::fs::Permissions::from_mode(mode)).expect("its owner may");
     };
     open(&data(home.path()), 0o777);
-    refused(&ping(home.path(), None), "can be written by others");
+    refused(&ping(home.path()), "can be written by others");
     open(&data(home.path()), 0o700);
     std::fs::create_dir(data(home.path()).join(&runtime)).expect("a folder");
     open(&data(home.path()).join(&runtime), 0o770);
-    refused(&ping(home.path(), None), "can be written by others");
+    refused(&ping(home.path()), "can be written by others");
     std::fs::remove_dir(data(home.path()).join(&runtime)).expect("removed");
 
     // A link of one's own to another disk.
@@ -118,7 +94,7 @@ fn folders_that_are_not_the_users_alone_are_not_used() {
     let moved = disk.path().join("treewright");
     std::fs::rename(data(home.path()), &moved).expect("moved");
     symlink(&moved, data(home.path())).expect("a link");
-    server(&ping(home.path(), None));
+    server(&ping(home.path()));
 
     // A folder of another user.
     let home = tempfile::tempdir().expect("a home");
@@ -126,5 +102,5 @@ fn folders_that_are_not_the_users_alone_are_not_used() {
     if chown(data(home.path()), Some(12_345), None).is_err() {
         return skip("a folder of another user", "it takes root to make one");
     }
-    refused(&ping(home.path(), None), "belongs to another user");
+    refused(&ping(home.path()), "belongs to another user");
 }
