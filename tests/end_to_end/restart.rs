@@ -39,6 +39,5 @@ async fn configurations(kill_before: &[usize], kill_while_open: &[usize]) -> Vec
 async fn the_search_resumes_at_the_same_point_after_kill_9() {
     let undisturbed = configurations(&[], &[]).await;
     assert!(undisturbed.iter().collect::<BTreeSet<_>>().len() > TRIALS / 2, "the search does search");
-    assert_eq!(configurations(&[1, 9, 20, 33], &[]).await, undisturbed);
-    assert_eq!(configurations(&[], &[0, 12, 27]).await, undisturbed);
+    assert_eq!(configurations(&[1, 9, 20, 33], &[0, 12, 27]).await, undisturbed);
 }
