@@ -1,8 +1,8 @@
 //! A database that a released version wrote opens in this one, and its searches go on where they stood.
 //!
-//! `tests/released/VERSION` holds such a database and the next answers of that version (`answers.json`).
-//! Where a later version gives another answer on purpose, `changed.json` holds it, study by study; that file
-//! is written by `TREEWRIGHT_RECORD_CHANGES=1 cargo test --workspace --test end_to_end upgrade`.
+//! `tests/released/VERSION` holds such a database and the next answers on it (`answers.json`). Where this
+//! version gives others on purpose, they are written anew by
+//! `TREEWRIGHT_RECORD_CHANGES=1 cargo test --workspace --test end_to_end upgrade`.
 //! To record another version: check it out, then
 //! `TREEWRIGHT_RECORD=FOLDER cargo test --workspace --test end_to_end upgrade`.
 
@@ -140,8 +140,11 @@ async fn record(folder: &Path) {
     }
     assert!(daemon.terminate().success(), "the daemon ends and folds its log into the file");
     let scratch = tempfile::tempdir().expect("a scratch folder");
-    let answers = answers_of(&database, scratch.path()).await;
-    let text = serde_json::to_string_pretty(&answers).expect("JSON");
+    write(folder, &answers_of(&database, scratch.path()).await);
+}
+
+fn write(folder: &Path, answers: &Value) {
+    let text = serde_json::to_string_pretty(answers).expect("JSON");
     std::fs::write(folder.join("answers.json"), text + "\n").expect("the answers are written");
 }
 
@@ -169,24 +172,13 @@ async fn a_database_of_every_released_version_goes_on_with_the_same_suggestions(
     for version in versions {
         let scratch = tempfile::tempdir().expect("a scratch folder");
         let found = answers_of(&version.join("tuning.db"), scratch.path()).await;
+        if std::env::var_os("TREEWRIGHT_RECORD_CHANGES").is_some() {
+            write(&version, &found);
+        }
         let text = std::fs::read_to_string(version.join("answers.json")).expect("recorded answers");
         let expected: Value = serde_json::from_str(&text).expect("JSON");
-        if std::env::var_os("TREEWRIGHT_RECORD_CHANGES").is_some() {
-            let differs = |id: &String| found[id] != expected[id];
-            let changed: BTreeMap<String, &Value> = policies()
-                .into_iter()
-                .map(|(id, _)| id)
-                .filter(differs)
-                .map(|id| (id.clone(), &found[&id]))
-                .collect();
-            let text = serde_json::to_string_pretty(&changed).expect("JSON");
-            std::fs::write(version.join("changed.json"), text + "\n").expect("the changes are written");
-        }
-        let changed = std::fs::read_to_string(version.join("changed.json")).unwrap_or_else(|_| "{}".into());
-        let changed: Value = serde_json::from_str(&changed).expect("JSON");
         for (id, _) in policies() {
-            let expected = changed.get(&id).unwrap_or(&expected[&id]);
-            assert_eq!(&found[&id], expected, "{id}, recorded by {}", version.display());
+            assert_eq!(found[&id], expected[&id], "{id}, recorded by {}", version.display());
         }
     }
 }
