@@ -191,17 +191,15 @@ fn find<'a>(entries: &'a [Entry], scene: &str) -> Result<&'a Entry, CliError> {
 /// Judges a record and writes the page and its numbers.
 pub(super) fn report(arguments: &ReportArguments) -> Result<(), CliError> {
     let examined = Examined::new(&arguments.folds)?;
-    let clock = examined.record.conditions.clock;
     let mut verdicts: Vec<Verdict> = Vec::new();
     for (objective, answered) in examined.objectives.iter().zip(&examined.by_objective) {
         let searches = searches(&examined.record, *objective, &examined.complete);
         let searches = searches.map(|search| (search.place.clone(), search)).collect();
-        verdicts.push(judge(&examined.record, *objective, clock, &searches, answered)?);
+        verdicts.push(judge(&examined.record, *objective, &searches, answered)?);
     }
     let report = Report {
         record: &examined.record,
         space: &examined.space,
-        clock,
         complete: examined.complete.len(),
         verdicts: &verdicts,
     };

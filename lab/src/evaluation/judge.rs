@@ -6,10 +6,8 @@
 //! best of eighty measurements is partly luck; so it was measured again in the same rounds as the answers,
 //! and that is what counts here. The single measurement, which is the paper's roofline, stands beside it.
 //! Those rounds also hold the default, the best fixed configurations and what a search had found on its way;
-//! in older records the first two are held against the roofline in other rounds.
-//!
-//! Who is compared is decided by the clock that the searches went by. The clock that is judged by says what
-//! they cost.
+//! in older records the first two are held against the roofline in other rounds. All costs are by the clock
+//! that the searches went by.
 
 use std::collections::BTreeMap;
 
@@ -21,7 +19,7 @@ use treewright_renderer::tuning::objective::Objective;
 use super::answers::Answers;
 use super::folds::{Fold, Split};
 use super::measure::{MILESTONES, best, best_within};
-use super::record::{Clock, Group, GroupKind, Iteration, Place, Record, Search};
+use super::record::{Group, GroupKind, Place, Record, Search};
 
 /// Break-even points beyond this many iterations are counted and not drawn, as in the paper.
 pub(crate) const BREAK_EVEN_MAX: f64 = 10_000.0;
@@ -117,11 +115,10 @@ impl Verdict {
 pub(crate) fn judge(
     record: &Record,
     objective: Objective,
-    clock: Clock,
     searches: &BTreeMap<Place, &Search>,
     folds: &[(Fold, Answers)],
 ) -> Result<Verdict, CliError> {
-    let view = View { record, objective, clock };
+    let view = View { record, objective };
     let grounds: BTreeMap<&Place, Ground> =
         searches.iter().filter_map(|(place, search)| Some((place, view.ground(search)?))).collect();
     let (mut rows, mut infeasible, mut unmeasured) = (Vec::new(), 0, BTreeMap::<String, usize>::new());
@@ -174,18 +171,15 @@ pub(crate) fn judge(
     })
 }
 
-/// The fixed configuration with the least geometric mean over the default, by some places and the clock that
-/// the searches went by.
+/// The fixed configuration with the least geometric mean over the default, by some places.
 pub(crate) fn best_fixed(record: &Record, objective: Objective, places: &[Place]) -> Option<Configuration> {
-    View { record, objective, clock: record.conditions.clock }.best_fixed(places)
+    View { record, objective }.best_fixed(places)
 }
 
-/// A record by one objective and clock.
+/// A record by one objective.
 struct View<'a> {
     record: &'a Record,
     objective: Objective,
-    /// By which costs are told. Searches and whoever answers went by the record's.
-    clock: Clock,
 }
 
 impl View<'_> {
@@ -200,7 +194,7 @@ impl View<'_> {
 
     /// Median over the rounds; `None` for who is not there or cannot be run.
     fn cost_in(&self, group: &Group, configuration: &Configuration) -> Option<f64> {
-        group.cost(configuration, self.objective, self.clock)
+        group.cost(configuration, self.objective, self.record.conditions.clock)
     }
 
     /// What an answer is worth that took so long; whose it is comes later. `None` where the roofline was not
@@ -240,19 +234,15 @@ impl View<'_> {
         own.find(|one| one.objective == self.objective.name())
     }
 
-    /// What a search found: its best by the clock that it went by.
-    fn found<'a>(&self, search: &'a Search) -> Option<&'a Iteration> {
-        best(search, self.objective, self.record.conditions.clock).map(|(found, _)| found)
-    }
-
     /// What a search found, measured in a group.
     fn best_cost(&self, search: &Search, group: &Group) -> Option<f64> {
-        self.cost_in(group, &self.found(search)?.configuration)
+        let (found, _) = best(search, self.objective, self.record.conditions.clock)?;
+        self.cost_in(group, &found.configuration)
     }
 
     fn ground(&self, search: &Search) -> Option<Ground> {
-        let found = self.found(search)?;
-        let once = self.clock.cost(self.objective, found.times.as_ref()?)?;
+        let clock = self.record.conditions.clock;
+        let (_, once) = best(search, self.objective, clock)?;
         let fixed = self.record.groups.get(&(GroupKind::Fixed, search.place.clone()))?;
         let answers = self.record.groups.get(&(GroupKind::Answers, search.place.clone()));
         let again = answers.and_then(|group| self.best_cost(search, group));
@@ -262,7 +252,7 @@ impl View<'_> {
         let curve_ms: Vec<Option<f64>> = search
             .iterations
             .iter()
-            .map(|iteration| self.clock.cost(self.objective, iteration.times.as_ref()?))
+            .map(|iteration| clock.cost(self.objective, iteration.times.as_ref()?))
             .collect();
         let measured = curve_ms.iter().flatten().count();
         Some(Ground {
@@ -277,22 +267,18 @@ impl View<'_> {
         })
     }
 
-    /// It is chosen by the clock that the searches went by, as the answers are.
     fn best_fixed(&self, places: &[Place]) -> Option<Configuration> {
-        let cost_in = |group: &Group, configuration: &Configuration| {
-            group.cost(configuration, self.objective, self.record.conditions.clock)
-        };
         let mut sums: BTreeMap<&Configuration, (f64, usize)> = BTreeMap::new();
         let mut groups = 0;
         for place in places {
             let Some(group) = self.record.groups.get(&(GroupKind::Fixed, place.clone())) else { continue };
-            let Some(default) = group.members.first().and_then(|one| cost_in(group, &one.configuration))
+            let Some(default) = group.members.first().and_then(|one| self.cost_in(group, &one.configuration))
             else {
                 continue;
             };
             groups += 1;
             for member in &group.members {
-                if let Some(cost) = cost_in(group, &member.configuration) {
+                if let Some(cost) = self.cost_in(group, &member.configuration) {
                     let sum = sums.entry(&member.configuration).or_default();
                     *sum = (sum.0 + (cost / default).ln(), sum.1 + 1);
                 }

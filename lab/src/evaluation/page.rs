@@ -48,7 +48,6 @@ const FIRST_PAGE: [(&str, &str); 4] = [
 pub(crate) struct Report<'a> {
     pub(crate) record: &'a Record,
     pub(crate) space: &'a TuningSpace,
-    pub(crate) clock: Clock,
     /// Cameras that are complete.
     pub(crate) complete: usize,
     pub(crate) verdicts: &'a [Verdict],
@@ -76,7 +75,7 @@ impl Report<'_> {
             self.record.searches.iter().filter_map(|search| search.other_cores).collect();
         other.sort_by(f64::total_cmp);
         if let Some(median) = other.get(other.len() / 2).filter(|median| **median > OTHER_CORES) {
-            let clock = match self.clock {
+            let clock = match self.record.conditions.clock {
                 Clock::Cpu => {
                     "Times are processor times, which that disturbs less, but not nothing: caches are shared."
                 }
@@ -186,10 +185,10 @@ pub(crate) fn html(report: &Report<'_>) -> String {
     );
     for verdict in report.verdicts {
         objective(&mut page, verdict);
-        page += &progress_figures::progress(report.record, verdict, report.clock);
+        page += &progress_figures::progress(report.record, verdict);
     }
-    page += &progress_figures::two_objectives(report.record, report.clock).unwrap_or_default();
-    page += &part_page::html(report.record, report.space, report.clock);
+    page += &progress_figures::two_objectives(report.record).unwrap_or_default();
+    page += &part_page::html(report.record, report.space);
     // A figure and its unit stay on one line.
     page = page.replace(" %", "\u{a0}%");
     page + "<h2>How to read this</h2><p>The roofline is the best configuration that the search found at a camera, measured again in the \
@@ -291,10 +290,7 @@ pub(crate) fn tables(report: &Report<'_>) -> BTreeMap<String, String> {
     let mut files = BTreeMap::new();
     for verdict in report.verdicts {
         let name = verdict.objective.name();
-        files.insert(
-            format!("progress-{name}.csv"),
-            progress_figures::table(report.record, verdict, report.clock),
-        );
+        files.insert(format!("progress-{name}.csv"), progress_figures::table(report.record, verdict));
         let mut rows = String::from(
             "split,fold,entrant,scene,camera,predicted_ms,over_search,of_roofline,of_roofline_once,over_default,over_fixed,break_even,\
              search_overhead_ms,prediction_overhead_ms\n",

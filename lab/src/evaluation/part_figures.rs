@@ -180,11 +180,11 @@ pub(super) fn mean_and_band(values: &[f64]) -> (f64, Option<f64>) {
 pub(super) type AtHeight = (u32, [f64; 2], Ratio);
 
 /// Frame heights of a scene with what splitting gains in total time there.
-pub(super) fn heights(record: &Record, scene: &str, clock: Clock) -> Vec<AtHeight> {
+pub(super) fn heights(record: &Record, scene: &str) -> Vec<AtHeight> {
     let own = record.pairs.iter().filter(|((name, _), _)| name == scene);
     own.filter_map(|((_, versus), group)| {
         let Versus::Height(height) = versus else { return None };
-        let [without, with] = rounds(group, Share::Total, clock)?;
+        let [without, with] = rounds(group, Share::Total, record.conditions.clock)?;
         let medians = [Summary::of(&without).median, Summary::of(&with).median];
         Some((*height, medians, Ratio::of(&without, &with)))
     })
@@ -230,12 +230,15 @@ pub(super) fn splitting(scenes: &[(&str, Vec<AtHeight>)]) -> String {
 }
 
 /// Angles of a scene in degrees, with the rounds without and with splitting.
-pub(super) fn angles(record: &Record, scene: &str, share: Share, clock: Clock) -> Vec<(f64, [Vec<f64>; 2])> {
+pub(super) fn angles(record: &Record, scene: &str, share: Share) -> Vec<(f64, [Vec<f64>; 2])> {
     let own = record.pairs.iter().filter(|((name, _), _)| name == scene);
     let mut all: Vec<(f64, [Vec<f64>; 2])> = own
         .filter_map(|((_, versus), group)| {
             let Versus::Needles { angle, angles } = versus else { return None };
-            Some((f64::from(*angle) * 360.0 / f64::from(*angles), rounds(group, share, clock)?))
+            Some((
+                f64::from(*angle) * 360.0 / f64::from(*angles),
+                rounds(group, share, record.conditions.clock)?,
+            ))
         })
         .collect();
     all.sort_by(|a, b| a.0.total_cmp(&b.0));

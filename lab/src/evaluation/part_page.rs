@@ -13,21 +13,21 @@ use super::part_figures::{
     PartGain, Run, Share, angles, heights, mean_and_band, needles, number, part, splitting, turning_height,
 };
 use super::parts::{PARTS, came_to};
-use super::record::{Clock, GroupKind, PartSearch, Record, Versus};
+use super::record::{GroupKind, PartSearch, Record, Versus};
 
 /// The page's sections; empty where nothing of the kind was recorded.
-pub(crate) fn html(record: &Record, space: &TuningSpace, clock: Clock) -> String {
-    splitting_section(record, clock) + &parts_section(record, space, clock) + &needles_section(record, clock)
+pub(crate) fn html(record: &Record, space: &TuningSpace) -> String {
+    splitting_section(record) + &parts_section(record, space) + &needles_section(record)
 }
 
 fn scenes(record: &Record, wanted: fn(&Versus) -> bool) -> BTreeSet<&str> {
     record.pairs.keys().filter(|(_, versus)| wanted(versus)).map(|(scene, _)| scene.as_str()).collect()
 }
 
-fn splitting_section(record: &Record, clock: Clock) -> String {
+fn splitting_section(record: &Record) -> String {
     let scenes: Vec<_> = scenes(record, |versus| matches!(versus, Versus::Height(_)))
         .into_iter()
-        .map(|scene| (scene, heights(record, scene, clock)))
+        .map(|scene| (scene, heights(record, scene)))
         .filter(|(_, heights)| !heights.is_empty())
         .collect();
     if scenes.is_empty() {
@@ -77,7 +77,7 @@ fn by_part(record: &Record) -> BTreeMap<(&'static str, &str), Vec<&PartSearch>> 
     all
 }
 
-fn parts_section(record: &Record, space: &TuningSpace, clock: Clock) -> String {
+fn parts_section(record: &Record, space: &TuningSpace) -> String {
     let all = by_part(record);
     let mut text = String::new();
     for one in PARTS {
@@ -92,11 +92,12 @@ fn parts_section(record: &Record, space: &TuningSpace, clock: Clock) -> String {
         heads.extend(one.parameters);
         let (mut rows, mut figures, mut is_whole) = (Vec::new(), String::new(), true);
         for ((_, scene), searches) in all.iter().filter(|((name, _), _)| *name == one.name) {
-            let runs: Vec<Run<'_>> = searches.iter().filter_map(|search| Run::of(search, clock)).collect();
+            let runs: Vec<Run<'_>> =
+                searches.iter().filter_map(|search| Run::of(search, record.conditions.clock)).collect();
             if runs.iter().all(|run| run.points.is_empty()) {
                 continue;
             }
-            let again = Again::of(record, space, searches, clock);
+            let again = Again::of(record, space, searches);
             is_whole &= again.is_some();
             let mut cells = vec![format!("{scene}, {} searches", runs.len())];
             cells.extend(again.as_ref().map_or_else(Default::default, Again::cells));
@@ -140,12 +141,12 @@ struct Again {
 }
 
 impl Again {
-    fn of(record: &Record, space: &TuningSpace, searches: &[&PartSearch], clock: Clock) -> Option<Self> {
-        let search = &searches.first()?.search;
+    fn of(record: &Record, space: &TuningSpace, searches: &[&PartSearch]) -> Option<Self> {
+        let (search, clock) = (&searches.first()?.search, record.conditions.clock);
         let objective = search.minimised()?;
         let group = record.groups.get(&(GroupKind::Parts, search.place.clone()))?;
         let own = searches.iter().filter(|one| one.search.objective == search.objective);
-        let found = own.filter_map(|one| came_to(one, space, record.conditions.clock).ok()?);
+        let found = own.filter_map(|one| came_to(one, space, clock).ok()?);
         let (best, last): (Vec<_>, Vec<_>) = found.map(|[best, last]| (best, last)).unzip();
         let default = space.default_configuration();
         let gain = |found: &[Configuration]| PartGain::of(group, &default, found, objective, clock);
@@ -168,7 +169,7 @@ fn round(record: &Record, scene: &str) -> (usize, usize) {
     all.fold((0, 0), |(measured, _), angles| (measured + 1, angles))
 }
 
-fn needles_section(record: &Record, clock: Clock) -> String {
+fn needles_section(record: &Record) -> String {
     let begun = scenes(record, |versus| matches!(versus, Versus::Needles { .. }));
     if begun.is_empty() {
         return String::new();
@@ -205,7 +206,7 @@ fn needles_section(record: &Record, clock: Clock) -> String {
     for scene in &scenes {
         let mut cells = vec![(*scene).to_owned()];
         for share in Share::ALL {
-            let angles = angles(record, scene, share, clock);
+            let angles = angles(record, scene, share);
             for which in 0..2 {
                 let mut means: Vec<f64> =
                     angles.iter().map(|(_, both)| mean_and_band(&both[which]).0).collect();
@@ -220,7 +221,7 @@ fn needles_section(record: &Record, clock: Clock) -> String {
     for scene in &scenes {
         let _ = write!(text, "<h3>{}</h3>", escaped(scene));
         for share in Share::ALL {
-            let angles = angles(record, scene, share, clock);
+            let angles = angles(record, scene, share);
             text += &card(&needles(&angles, share));
         }
     }
@@ -257,7 +258,7 @@ mod tests {
             all[1].get("quality").is_some()
                 && all[1].get("max_leaf_size") == leaves(1, 8).get("max_leaf_size")
         );
-        let page = || html(&record, &space, Clock::Wall);
+        let page = || html(&record, &space);
         assert!(page().contains("Gains are left out") && !page().contains("+"), "{}", page());
         // The machine becomes slower from round to round.
         let slower = |ms: f64| [1.0, 2.0, 3.0, 4.0, 5.0, 6.0].map(|round| ms * round);
@@ -265,7 +266,7 @@ mod tests {
         let measured: Vec<(Configuration, &[f64])> =
             all.into_iter().zip(rounds.iter().map(|rounds| &rounds[..])).collect();
         record.take(Line::Group(group(GroupKind::Parts, "hall", &measured)));
-        let page = html(&record, &space, Clock::Wall);
+        let page = html(&record, &space);
         assert!(!page.contains("Gains are left out"), "{page}");
         // The best of both searches takes half the time; the last iterations twice as long and half.
         for cell in ["350.00", "+100.0 % [+100.0, +100.0]", "+0.0 % [+0.0, +0.0]", "-50.0 to +100.0 %"] {

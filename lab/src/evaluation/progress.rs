@@ -13,7 +13,7 @@ use treewright_renderer::tuning::objective::Objective;
 use super::folds::Split;
 use super::judge::Verdict;
 use super::measure::{MILESTONES, best_within};
-use super::record::{Clock, GroupKind, Record, Search};
+use super::record::{GroupKind, Record, Search};
 use super::summary::{Mean, mean, mean_of};
 
 /// Whose cost it is.
@@ -66,7 +66,7 @@ pub(crate) fn without_search(verdict: &Verdict, predictors: &[&str]) -> Vec<Mome
 }
 
 /// Searches after each milestone, and at their end.
-pub(crate) fn of_searches(record: &Record, verdict: &Verdict, clock: Clock) -> Vec<Moment> {
+pub(crate) fn of_searches(record: &Record, verdict: &Verdict) -> Vec<Moment> {
     let judged = |search: &&Search| verdict.grounds.iter().any(|ground| ground.place == search.place);
     let own = record.searches.iter().filter(|search| search.objective == verdict.objective.name());
     let searches: Vec<&Search> = own.filter(judged).collect();
@@ -78,7 +78,7 @@ pub(crate) fn of_searches(record: &Record, verdict: &Verdict, clock: Clock) -> V
         let ratios: Vec<f64> = match verdict.is_whole() {
             true => searches
                 .iter()
-                .filter_map(|search| ratio(record, search, trials, verdict.objective, clock))
+                .filter_map(|search| ratio(record, search, trials, verdict.objective))
                 .collect(),
             false => Vec::new(),
         };
@@ -101,11 +101,11 @@ fn spent_s(search: &Search, trials: usize) -> f64 {
 
 /// Cost of the best of the first `trials` iterations over that of the best of all, both measured again in the
 /// rounds of the answers.
-fn ratio(record: &Record, search: &Search, trials: usize, objective: Objective, clock: Clock) -> Option<f64> {
+fn ratio(record: &Record, search: &Search, trials: usize, objective: Objective) -> Option<f64> {
     let group = record.groups.get(&(GroupKind::Answers, search.place.clone()))?;
     let again = |trials| {
-        // The search's best is the best by its own clock.
-        let (found, _) = best_within(search, trials, objective, record.conditions.clock)?;
+        let clock = record.conditions.clock;
+        let (found, _) = best_within(search, trials, objective, clock)?;
         group.cost(&found.configuration, objective, clock)
     };
     Some(again(trials)? / again(usize::MAX)?)
@@ -121,7 +121,6 @@ mod tests {
     use std::collections::BTreeMap;
 
     use treewright_client::Configuration;
-    use treewright_renderer::frame::FrameTimes;
 
     use super::super::answers::Answers;
     use super::super::folds::Fold;
@@ -160,33 +159,8 @@ mod tests {
         record
     }
 
-    /// Adds processor times to a record: twice the wall time, except that by them the searches did best in
-    /// their tenth trial.
-    fn add_processor_times(record: &mut Record) {
-        let twice = |times: FrameTimes| FrameTimes {
-            build_cpu_ms: Some(2.0 * times.build_ms),
-            render_cpu_ms: Some(2.0 * times.render_ms),
-            ..times
-        };
-        for iteration in record.searches.iter_mut().flat_map(|search| &mut search.iterations) {
-            iteration.times = iteration.times.map(twice);
-            if iteration.configuration == numbered(10) {
-                iteration.times =
-                    iteration.times.map(|times| FrameTimes { render_cpu_ms: Some(1.0), ..times });
-            }
-        }
-        let members = record.groups.values_mut().flat_map(|group| &mut group.members);
-        for times in members.flat_map(|member| &mut member.rounds) {
-            *times = twice(*times);
-        }
-    }
-
-    fn verdict(record: &Record, answers: &[(&str, Configuration)]) -> Verdict {
-        judged(record, Clock::Wall, answers)
-    }
-
     /// Each scene left out once, and all of them in a random split; everybody answers the same.
-    fn judged(record: &Record, clock: Clock, answers: &[(&str, Configuration)]) -> Verdict {
+    fn verdict(record: &Record, answers: &[(&str, Configuration)]) -> Verdict {
         let all: Vec<Place> = SCENES.map(place).to_vec();
         let answered = |places: &[Place]| -> Answers {
             let one = |place: &Place| {
@@ -206,7 +180,7 @@ mod tests {
         }
         let searches: BTreeMap<Place, &Search> =
             record.searches.iter().map(|search| (search.place.clone(), search)).collect();
-        judge(record, Objective::Render, clock, &searches, &folds).expect("it is judged")
+        judge(record, Objective::Render, &searches, &folds).expect("it is judged")
     }
 
     fn rounded(moments: &[Moment]) -> Vec<(String, usize, Option<f64>)> {
@@ -218,7 +192,7 @@ mod tests {
     fn everybody_is_held_against_the_roofline_in_the_same_rounds() {
         let record = record(true);
         let verdict = verdict(&record, &[("nearest_neighbour", numbered(5))]);
-        let searched = of_searches(&record, &verdict, Clock::Wall);
+        let searched = of_searches(&record, &verdict);
         let search = |trials, cost| (SEARCH.to_owned(), trials, Some(cost));
         assert_eq!(rounded(&searched), [search(5, 1.2), search(10, 1.1), search(12, 1.0)]);
         // Four of the first five could be built: half a second each, and 280, 260, 220 and 200 ms.
@@ -246,25 +220,8 @@ mod tests {
         let verdict = verdict(&record, &[("nearest_neighbour", numbered(5))]);
         assert_eq!((verdict.same_rounds, verdict.grounds.len()), (2, 3));
         let costs = |moments: &[Moment]| moments.iter().map(|one| one.cost.is_some()).collect::<Vec<_>>();
-        assert_eq!(costs(&of_searches(&record, &verdict, Clock::Wall)), [false; 3]);
+        assert_eq!(costs(&of_searches(&record, &verdict)), [false; 3]);
         assert_eq!(costs(&without_search(&verdict, &["nearest_neighbour"])), [false, false, true]);
-    }
-
-    #[test]
-    fn the_other_clock_tells_what_the_same_roofline_costs() {
-        let mut record = record(true);
-        add_processor_times(&mut record);
-        let answers = [("nearest_neighbour", numbered(5))];
-        let [wall, cpu] = [Clock::Wall, Clock::Cpu].map(|clock| {
-            let verdict = judged(&record, clock, &answers);
-            assert!(verdict.is_whole(), "{verdict:?}");
-            [of_searches(&record, &verdict, clock), without_search(&verdict, &["nearest_neighbour"])]
-                .map(|moments| rounded(&moments))
-        });
-        assert_eq!(cpu, wall);
-        let verdict = judged(&record, Clock::Cpu, &answers);
-        let rooflines = verdict.grounds.iter().map(|ground| [ground.roofline_once_ms, ground.roofline_ms]);
-        assert_eq!(rooflines.collect::<Vec<_>>(), [[20.0, 200.0]; 3]);
     }
 
     #[test]

@@ -13,7 +13,7 @@ use super::folds::Split;
 use super::judge::Verdict;
 use super::markup::{self, card};
 use super::progress::{DEFAULT, Moment, SEARCH, of_searches, reached, without_search};
-use super::record::{Clock, GroupKind, Place, Record};
+use super::record::{GroupKind, Place, Record};
 use super::summary::Mean;
 
 /// The paper's two predictors and the service, whom the curves of searches are shown beside.
@@ -22,7 +22,8 @@ const BESIDE: [(&str, Colour); 3] =
 
 /// Figure 2: what a search for either objective does to both, at a camera of a scene where both were run; of
 /// sponza where there is one, as in the paper.
-pub(crate) fn two_objectives(record: &Record, clock: Clock) -> Option<String> {
+pub(crate) fn two_objectives(record: &Record) -> Option<String> {
+    let clock = record.conditions.clock;
     let search = |place: &Place, objective: Objective| {
         record.searches.iter().find(|one| one.place == *place && one.objective == objective.name())
     };
@@ -68,13 +69,13 @@ pub(crate) fn two_objectives(record: &Record, clock: Clock) -> Option<String> {
 }
 
 /// The answers without a search, and the searches after each milestone.
-fn moments(record: &Record, verdict: &Verdict, clock: Clock) -> [Vec<Moment>; 2] {
-    [without_search(verdict, &BESIDE.map(|(name, _)| name)), of_searches(record, verdict, clock)]
+fn moments(record: &Record, verdict: &Verdict) -> [Vec<Moment>; 2] {
+    [without_search(verdict, &BESIDE.map(|(name, _)| name)), of_searches(record, verdict)]
 }
 
 /// The figure of the searches' progress over trials and over time, beside the answers without a search.
-pub(crate) fn progress(record: &Record, verdict: &Verdict, clock: Clock) -> String {
-    let [at_once, searched] = moments(record, verdict, clock);
+pub(crate) fn progress(record: &Record, verdict: &Verdict) -> String {
+    let [at_once, searched] = moments(record, verdict);
     let mut text = format!(
         "<h3>Error of the tuner against run time</h3><p class=\"soft\">Cost over that of the roofline. What a search had found after so many \
          trials was measured again in the same interleaved rounds as the roofline, the default, the best fixed configuration of the other \
@@ -162,9 +163,9 @@ fn figure(at_once: &[Moment], searched: &[Moment], at: fn(&Moment) -> f64, label
 }
 
 /// The numbers behind these figures.
-pub(crate) fn table(record: &Record, verdict: &Verdict, clock: Clock) -> String {
+pub(crate) fn table(record: &Record, verdict: &Verdict) -> String {
     let mut text = String::from("who,trials,seconds,cost_over_roofline,low,high,cameras\n");
-    for Moment { who, trials, seconds, cost, cameras } in moments(record, verdict, clock).concat() {
+    for Moment { who, trials, seconds, cost, cameras } in moments(record, verdict).concat() {
         let [low, high] = cost.and_then(|cost| cost.interval).map_or([None; 2], |ends| ends.map(Some));
         let [mean, low, high] = [cost.map(|cost| cost.mean), low, high]
             .map(|value| value.map_or_else(String::new, |value| format!("{value:.5}")));
