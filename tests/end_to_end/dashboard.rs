@@ -4,7 +4,6 @@ use std::io::{BufRead as _, BufReader, Read as _, Write as _};
 use std::net::TcpStream;
 use std::time::Duration;
 
-use tempfile::TempDir;
 use treewright_tests::programs::token;
 
 use crate::site::{Site, ask, say, wait_until};
@@ -47,12 +46,7 @@ pub(crate) fn metrics(site: &Site) -> String {
 
 /// A daemon with a dashboard, and where that is.
 pub(crate) fn start(more: &[&str]) -> (Site, String) {
-    start_within(tempfile::tempdir().expect("a folder"), more)
-}
-
-/// As [`start`], in a folder that may hold a database.
-fn start_within(folder: TempDir, more: &[&str]) -> (Site, String) {
-    let site = Site::within(folder, &[&["--dashboard", "127.0.0.1:0"], more].concat());
+    let site = Site::with(&[&["--dashboard", "127.0.0.1:0"], more].concat());
     let log = site.log();
     let url = log.split("url=http://").nth(1).expect("the log names the dashboard");
     let address = url.split('/').next().expect("an address").to_owned();
@@ -171,59 +165,36 @@ fn pages_show_what_is_known_and_nothing_that_is_written_there_becomes_markup() {
     assert_eq!(request(&address, foreign).status, 421, "a name of the Internet that leads here");
 }
 
-/// Asks for the list until it tells something.
-fn list_with(address: &str, cookie: &str, word: &str) -> String {
-    let mut list = String::new();
-    wait_until(word, || {
-        list = get(address, "/", cookie).body;
-        list.contains(word)
-    });
-    list
-}
-
 #[test]
 fn one_list_holds_the_studies_of_other_daemons() {
     let (one, first) = start(&[]);
     create(&one);
     measure(one.url(), &["loss=10", "loss=4"]);
-    // The second asks for tokens; whoever shows none is led to its log-in.
     let (two, second) = start(&["--tokens"]);
     let shown = token(&two.database(), &["--scope", "read"]);
     let peers = format!("farm=http://{first},guarded=http://{second},gone=http://127.0.0.1:1");
-    let asks = ["--dashboard-peers", peers.as_str()];
-    let (third, address) = start(&asks);
-    let list = list_with(&address, "", ">searching</td>");
+    let named = format!("guarded={}", two.write("token", &shown));
+    let (third, address) = start(&["--dashboard-peers", &peers, "--dashboard-token-files", &named]);
+    // The second daemon follows its database, where the token was just made.
+    let mut list = String::new();
+    wait_until("a summary of one, and the token of the other", || {
+        list = get(&address, "/", "").body;
+        list.contains(">searching</td>") && !list.contains("guarded</a> is away")
+    });
     for word in [
         &format!("href=\"http://{first}/studies/toy\"")[..],
         "<td>farm</td>",
         "below the default",
         "&#60;script&#62;",
-        "is away: it asks for a token that it knows",
         "gone</a> is away: ",
     ] {
         assert!(list.contains(word), "{word} is not in {list}");
     }
     assert!(!list.contains("type=\"checkbox\""), "only own studies can be compared: {list}");
+    assert!(!list.contains("tw1_"), "no page holds a token");
+    assert!(!third.log().contains(&shown), "nor does the log");
     // A request cannot name another address.
     assert_eq!(get(&address, &format!("/?dashboard-peers=x=http://{first}"), "").status, 400);
-    let Site { daemon, folder } = third;
-    daemon.kill();
-
-    let named = format!("guarded={}", two.write("token", &shown));
-    let with_token = [&asks[..], &["--dashboard-token-files", named.as_str()]].concat();
-    let (third, address) = start_within(folder, &with_token);
-    let list = list_with(&address, "", ">searching</td>");
-    // The second daemon follows its database, where the token was just made.
-    let mut after = String::new();
-    wait_until("the token comes into force", || {
-        after = get(&address, "/", "").body;
-        !after.contains("guarded</a> is away")
-    });
-    assert!(after.contains("gone</a> is away"), "{after}");
-    for page in [&list, &after] {
-        assert!(!page.contains("tw1_"), "no page holds a token");
-    }
-    assert!(!third.log().contains(&shown), "nor does the log");
 }
 
 #[test]
