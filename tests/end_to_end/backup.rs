@@ -9,7 +9,7 @@ use tokio::task::JoinSet;
 use treewright_tests::daemon::Daemon;
 use treewright_tests::programs::{run, stderr, stdout};
 
-use crate::site::{assert_sound, back_up, restore};
+use crate::site::{assert_sound, path_text};
 use crate::wire;
 
 /// The names of the trials whose report was acknowledged.
@@ -63,7 +63,11 @@ async fn what_was_acknowledged_before_a_backup_comes_back_from_it() {
         }
         before = count(&acknowledged);
         let (from, to) = (database.clone(), at("backup.db"));
-        let copied = tokio::task::spawn_blocking(move || back_up(&from, &to, &["--replace"]));
+        let back_up = move || {
+            let to = ["--to", path_text(&to), "--replace"];
+            run("treewrightd", &[&["backup", "--database", path_text(&from)], &to[..]].concat())
+        };
+        let copied = tokio::task::spawn_blocking(back_up);
         let copied = copied.await.expect("it ends");
         assert!(copied.status.success(), "{}", stderr(&copied));
         assert!(stdout(&copied).contains("1 studies"), "{}", stdout(&copied));
@@ -71,21 +75,15 @@ async fn what_was_acknowledged_before_a_backup_comes_back_from_it() {
     let after = count(&acknowledged);
     assert!(after.len() > before.len(), "the workers were held up by the backup");
 
-    // A second one does not go over the first by default, and none is restored under a daemon's feet.
-    let again = back_up(&database, &at("backup.db"), &[]);
-    assert_eq!(again.status.code(), Some(1));
-    assert!(stderr(&again).contains("--replace"), "{}", stderr(&again));
-    let refused = restore(&at("backup.db"), &database);
-    assert_eq!(refused.status.code(), Some(4));
-    assert!(stderr(&refused).contains("in use by another treewrightd"), "{}", stderr(&refused));
-
     let address = daemon.address().to_owned();
     daemon.kill();
     stop.store(true, Ordering::Relaxed);
     while workers.join_next().await.is_some() {}
     let everything = count(&acknowledged);
 
-    let restored = restore(&at("backup.db"), &database);
+    let from = at("backup.db");
+    let restore = ["restore", "--from", path_text(&from), "--database", path_text(&database)];
+    let restored = run("treewrightd", &restore);
     assert!(restored.status.success(), "{}", stderr(&restored));
     let said = stdout(&restored);
     let aside = said.trim().rsplit(' ').next().expect("a name");

@@ -114,17 +114,6 @@ pub(crate) fn assert_sound(database: &Path) {
     assert!(checked.status.success() && stdout(&checked).contains("is sound"), "{}", stderr(&checked));
 }
 
-/// Copies a database, in use or not, with further arguments.
-pub(crate) fn back_up(database: &Path, to: &Path, more: &[&str]) -> Output {
-    let arguments = ["backup", "--database", path_text(database), "--to", path_text(to)];
-    run("treewrightd", &[&arguments[..], more].concat())
-}
-
-/// Puts a copy in the place of a database.
-pub(crate) fn restore(from: &Path, database: &Path) -> Output {
-    run("treewrightd", &["restore", "--from", path_text(from), "--database", path_text(database)])
-}
-
 /// Sends a signal, such as `INT`.
 pub(crate) fn signal(child: &Child, name: &str) {
     let sent = Command::new("kill").args([&format!("-{name}"), &child.id().to_string()]).status();
