@@ -2,10 +2,10 @@
 //!
 //! They cover the properties by which acceleration structures differ: architecture with large and small
 //! triangles side by side (`hall`), many equal axis-aligned faces (`voxels`), thin and long ones (`gallery`,
-//! `needles`), one dense surface (`statue`), wide extent (`city`, and `model`, whose shading needs few
-//! features), more than fits memory but as instances (`forest`), cards that are mostly holes (`grove`), a
-//! mesh that deforms (`sea`), parts that move (`needles`, `sea`), light that is hard to find (`market`,
-//! `loft`), and a small one for trials (`quick`).
+//! `needles`, `hair`, `cables`, `scaffold`), one dense surface (`statue`), wide extent (`city`, and `model`,
+//! whose shading needs few features), more than fits memory but as instances (`forest`), cards that are
+//! mostly holes (`grove`), a mesh that deforms (`sea`), parts that move (`needles`, `sea`), light that is
+//! hard to find (`market`, `loft`), and a small one for trials (`quick`).
 
 mod architecture;
 mod city;
@@ -21,6 +21,7 @@ mod needles;
 mod noise;
 mod palette;
 mod sea;
+mod slender;
 mod statue;
 #[cfg(test)]
 mod tests;
@@ -41,7 +42,7 @@ use super::{Scene, SceneError};
 /// A scene in the list: its name, its description, and its generator.
 type Entry = (&'static str, &'static str, fn(&mut Generator) -> Result<LightAndPath, SceneError>);
 
-const SCENES: [Entry; 13] = [
+const SCENES: [Entry; 16] = [
     (
         "hall",
         "columned hall with coffered ceiling, sunlit through high windows; 250,000 triangles",
@@ -51,6 +52,13 @@ const SCENES: [Entry; 13] = [
     ("gallery", "picture gallery of thin frames, wires and railings; 200,000 triangles", gallery::build),
     ("statue", "finely displaced figure under a dome with an open eye; 1,000,000 triangles", statue::build),
     ("needles", "bundle of long thin triangles turning through the hall; 100,000 triangles", needles::build),
+    ("hair", "bust whose hair of 60,000 strands blows in the wind; 185,000 triangles", slender::hair),
+    ("cables", "yard spanned by sagging cables and bundles of them; 145,000 triangles", slender::cables),
+    (
+        "scaffold",
+        "frame of thin poles, braces and planks before a wall; 140,000 triangles",
+        slender::scaffold,
+    ),
     ("city", "blocks of towers with window frames, lamps, cars and trees; 480,000 triangles", city::build),
     (
         "model",

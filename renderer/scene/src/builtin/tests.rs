@@ -49,6 +49,9 @@ fn triangle_counts_keep_their_promise() {
         ("hall", 200_000, 300_000),
         ("gallery", 160_000, 240_000),
         ("needles", 80_000, 130_000),
+        ("hair", 180_000, 195_000),
+        ("cables", 130_000, 160_000),
+        ("scaffold", 130_000, 155_000),
         ("city", 400_000, 560_000),
         ("sea", 170_000, 240_000),
         ("model", 400_000, 560_000),
@@ -96,7 +99,7 @@ fn the_grove_is_made_of_cards() {
 
 #[test]
 fn seeds_vary_and_detail_scales() {
-    for name in ["voxels", "gallery", "city", "quick"] {
+    for name in ["voxels", "gallery", "hair", "cables", "scaffold", "city", "quick"] {
         let other = small(name, Options { seed: 2, ..SMALL });
         assert!(small(name, SMALL).triangles.positions() != other.triangles.positions(), "{name}");
     }
@@ -121,6 +124,24 @@ fn needles_turn_while_the_hall_stands() {
     let [a, _, c] = start.triangles.corners(needle);
     let length = (c - a).length();
     assert!((0.45..0.56).contains(&(length / diagonal)), "{length} of {diagonal}");
+}
+
+#[test]
+fn slender_scenes_are_made_of_long_thin_triangles_that_lean() {
+    for name in ["hair", "cables", "scaffold"] {
+        let triangles = small(name, SMALL).triangles;
+        let is_slender = |triangle: &usize| {
+            let [a, b, c] = triangles.corners(*triangle);
+            let edges = [b - a, c - b, a - c].into_iter();
+            let longest = edges.max_by(|one, other| one.length().total_cmp(&other.length())).expect("three");
+            let height = (b - a).cross(c - a).length() / longest.length();
+            let mut along = (longest / longest.length()).abs().to_array();
+            along.sort_by(f32::total_cmp);
+            longest.length() > 20.0 * height && along[1] > 0.1
+        };
+        let slender = (0..triangles.len()).filter(is_slender).count();
+        assert!(slender * 2 > triangles.len(), "{name}: {slender} of {}", triangles.len());
+    }
 }
 
 #[test]
