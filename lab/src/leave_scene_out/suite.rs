@@ -21,12 +21,15 @@ pub(crate) struct Entry {
 }
 
 /// Built-in scenes with seeds that nothing was ever chosen on: name, scene, detail, seed, time.
-const BUILT_IN: [(&str, &str, f32, u64, f32); 12] = [
+const BUILT_IN: [(&str, &str, f32, u64, f32); 15] = [
     ("hall-7", "hall", 1.0, 7, 0.0),
     ("voxels-7", "voxels", 0.6, 7, 0.0),
     ("gallery-7", "gallery", 1.0, 7, 0.0),
     ("statue-7", "statue", 0.4, 7, 0.0),
     ("needles-7", "needles", 1.0, 7, 0.3),
+    ("hair-7", "hair", 1.0, 7, 0.0),
+    ("cables-7", "cables", 1.0, 7, 0.0),
+    ("scaffold-7", "scaffold", 1.0, 7, 0.0),
     ("city-7", "city", 0.8, 7, 0.0),
     ("model-7", "model", 0.5, 7, 0.0),
     ("sea-7", "sea", 1.0, 7, 0.4),
