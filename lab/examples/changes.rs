@@ -17,12 +17,12 @@ use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use treewright_core::configuration::Configuration;
 use treewright_core::policy::Policy;
-use treewright_core::space::{Domain, Space};
+use treewright_core::space::{Domain, Parameter, Space};
 use treewright_core::study::StudySpec;
 use treewright_core::trial::{Outcome, Rule, Trial};
 use treewright_core::tuner::Tuner;
 use treewright_core::value::Value;
-use treewright_lab::simulated::{METRIC, ask, normal, parameter, share, study};
+use treewright_lab::simulated::{METRIC, ask, normal, share, study};
 
 /// Trials of a search, and the most frames until it and its confirmation are over.
 const TRIALS: u32 = 40;
@@ -77,7 +77,7 @@ fn kind(configuration: &Configuration) -> &str {
 
 fn space() -> Space {
     let kinds = ["sah", "median", "morton"].map(|kind| Value::Text(kind.into())).to_vec();
-    let kind = parameter("kind", Domain::Categorical { values: kinds }, Value::Text("median".into()));
+    let kind = Parameter::new("kind", Domain::Categorical { values: kinds }, Value::Text("median".into()));
     Space::new(vec![share("a"), share("b"), kind], Vec::new()).expect("a space")
 }
 
