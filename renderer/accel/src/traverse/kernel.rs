@@ -53,23 +53,7 @@ pub(crate) unsafe fn closest<N: TreeNode, X: Boxes<N>, L: Leaves>(
     let mut current = start;
     loop {
         while !current.is_leaf() {
-            let node = current.node::<N>();
-            let (met, times) = boxes.test(node, nearest.t);
-            let children = node.children().as_ptr();
-            if met == 0 {
-                current = stack.pop_before(nearest.t.to_bits() as i32);
-                continue;
-            }
-            if met & (met - 1) == 0 {
-                current = *children.add(met.trailing_zeros() as usize);
-                continue;
-            }
-            let (nodes, keys) = stack.free();
-            times.write_sorted(met, children, nodes, keys);
-            let others = met.count_ones() as usize - 1;
-            stack.grow(others);
-            // The nearest one stays behind the top.
-            current = *nodes.add(others);
+            current = after_node::<N, X>(current, &boxes, &mut stack, nearest.t);
         }
         if current.is_end() {
             break;
@@ -78,6 +62,35 @@ pub(crate) unsafe fn closest<N: TreeNode, X: Boxes<N>, L: Leaves>(
         current = stack.pop_before(nearest.t.to_bits() as i32);
     }
     *hit = nearest;
+}
+
+/// Tests the children of a node before `t_max`. Gives where the ray goes on: to the nearest child that it
+/// meets, the others being on the stack then, or where it meets none, to what the stack holds.
+///
+/// # Safety
+/// The processor has the features of `X`, `current` is a node `N` that lives, and the stack is of its walk.
+#[inline(always)]
+pub(super) unsafe fn after_node<N: TreeNode, X: Boxes<N>>(
+    current: NodeRef,
+    boxes: &X,
+    stack: &mut Stack,
+    t_max: f32,
+) -> NodeRef {
+    let node = current.node::<N>();
+    let (met, times) = boxes.test(node, t_max);
+    let children = node.children().as_ptr();
+    if met == 0 {
+        return stack.pop_before(t_max.to_bits() as i32);
+    }
+    if met & (met - 1) == 0 {
+        return *children.add(met.trailing_zeros() as usize);
+    }
+    let (nodes, keys) = stack.free();
+    times.write_sorted(met, children, nodes, keys);
+    let others = met.count_ones() as usize - 1;
+    stack.grow(others);
+    // The nearest one stays behind the top.
+    *nodes.add(others)
 }
 
 /// Whether the ray hits a triangle below `start`.
@@ -99,16 +112,7 @@ pub(crate) unsafe fn occluded<N: TreeNode, X: Boxes<N>, L: Leaves>(
     let mut current = start;
     loop {
         while !current.is_leaf() {
-            let node = current.node::<N>();
-            let (met, _) = boxes.test(node, ray.t_max);
-            let children = node.children().as_ptr();
-            if met == 0 {
-                current = stack.pop();
-                continue;
-            }
-            X::Times::write_met(met, children, stack.free());
-            stack.grow(met.count_ones() as usize - 1);
-            current = *children.add((u32::BITS - 1 - met.leading_zeros()) as usize);
+            current = after_shadowed_node::<N, X>(current, &boxes, &mut stack, ray.t_max);
         }
         if current.is_end() {
             return false;
@@ -118,4 +122,26 @@ pub(crate) unsafe fn occluded<N: TreeNode, X: Boxes<N>, L: Leaves>(
         }
         current = stack.pop();
     }
+}
+
+/// As [`after_node`], to the last child that the ray meets.
+///
+/// # Safety
+/// As for [`after_node`].
+#[inline(always)]
+pub(super) unsafe fn after_shadowed_node<N: TreeNode, X: Boxes<N>>(
+    current: NodeRef,
+    boxes: &X,
+    stack: &mut PlainStack,
+    t_max: f32,
+) -> NodeRef {
+    let node = current.node::<N>();
+    let (met, _) = boxes.test(node, t_max);
+    let children = node.children().as_ptr();
+    if met == 0 {
+        return stack.pop();
+    }
+    X::Times::write_met(met, children, stack.free());
+    stack.grow(met.count_ones() as usize - 1);
+    *children.add((u32::BITS - 1 - met.leading_zeros()) as usize)
 }
