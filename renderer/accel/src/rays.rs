@@ -77,11 +77,13 @@ pub enum Packets {
     /// One by one.
     #[default]
     Single,
+    /// Four at a time, each on its own way. Native scenes trace them one by one.
+    Four,
     /// Eight at a time, each on its own way.
     Eight,
     /// Eight at a time that mostly go the same way.
     EightCoherent,
-    /// Sixteen at a time, each on its own way.
+    /// Sixteen at a time, each on its own way. Trees of our own have eight at most.
     Sixteen,
     /// Sixteen at a time that mostly go the same way.
     SixteenCoherent,
@@ -89,8 +91,8 @@ pub enum Packets {
 
 impl Packets {
     /// All of them.
-    pub const ALL: [Self; 5] =
-        [Self::Single, Self::Eight, Self::EightCoherent, Self::Sixteen, Self::SixteenCoherent];
+    pub const ALL: [Self; 6] =
+        [Self::Single, Self::Four, Self::Eight, Self::EightCoherent, Self::Sixteen, Self::SixteenCoherent];
 }
 
 /// Anything that answers ray queries over [`Triangles`](crate::Triangles). Queries never fail: rays with

@@ -85,6 +85,9 @@ fn check(name: &str, triangles: &Arc<Triangles>, rays: &[Ray]) {
         let alone: Vec<Option<Hit>> = rays.iter().map(|ray| structure.closest(ray)).collect();
         let shadowed: Vec<bool> = rays.iter().map(|ray| structure.occluded(ray)).collect();
         for packets in Packets::ALL {
+            // Then our own trees take the steps that they take for single rays.
+            let in_turns = matches!(structure, Structure::Tree(_))
+                && matches!(packets, Packets::Four | Packets::Eight | Packets::Sixteen);
             let (mut begin, mut wrong) = (0, 0);
             for length in (0..=40).cycle() {
                 let end = (begin + length).min(rays.len());
@@ -102,6 +105,10 @@ fn check(name: &str, triangles: &Arc<Triangles>, rays: &[Ray]) {
                         hit.is_none_or(|hit| hit.u.is_finite() && hit.v.is_finite()),
                         "{hit:?} of {ray:?}"
                     );
+                    if in_turns {
+                        assert_eq!(hit, alone, "{name}, {what}, {packets:?}: {ray:?}");
+                        assert_eq!(occluded[offset], shadowed[begin + offset], "{name}, {what}: {ray:?}");
+                    }
                     // Rays from beyond every possible scene get some answer.
                     let near = ray.origin.abs().max_element() <= COORDINATE_MAX;
                     let differs =

@@ -155,6 +155,7 @@ pub(crate) fn table(heading: impl Iterator<Item = String>) -> Table {
 fn packing(packets: Packets) -> &'static str {
     match packets {
         Packets::Single => "",
+        Packets::Four => " 4",
         Packets::Eight => " 8",
         Packets::EightCoherent => " 8c",
         Packets::Sixteen => " 16",

@@ -309,7 +309,7 @@ impl Intersector for NativeScene {
         // SAFETY: the scene is committed, and all below it has kernels for these packets.
         unsafe {
             match self.options.acceleration.traced(packets) {
-                Packets::Single => one_by_one(rays, hits, |ray| self.closest(ray)),
+                Packets::Single | Packets::Four => one_by_one(rays, hits, |ray| self.closest(ray)),
                 Packets::Eight => packets::closest::<8>(self.scene.0, false, rays, hits),
                 Packets::EightCoherent => packets::closest::<8>(self.scene.0, true, rays, hits),
                 Packets::Sixteen => packets::closest::<16>(self.scene.0, false, rays, hits),
@@ -323,7 +323,7 @@ impl Intersector for NativeScene {
         // SAFETY: as above.
         unsafe {
             match self.options.acceleration.traced(packets) {
-                Packets::Single => one_by_one(rays, occluded, |ray| self.occluded(ray)),
+                Packets::Single | Packets::Four => one_by_one(rays, occluded, |ray| self.occluded(ray)),
                 Packets::Eight => packets::occluded::<8>(self.scene.0, false, rays, occluded),
                 Packets::EightCoherent => packets::occluded::<8>(self.scene.0, true, rays, occluded),
                 Packets::Sixteen => packets::occluded::<16>(self.scene.0, false, rays, occluded),

@@ -24,6 +24,7 @@ use std::sync::Arc;
 
 use crate::geometry::Triangles;
 use crate::limits::LEAF_SIZE_MAX;
+use crate::prefetch::prefetch_line;
 
 /// Most children a node.
 pub(crate) const WIDTH_MAX: usize = 16;
@@ -33,6 +34,9 @@ const BLOCK_MIN: usize = 4;
 
 /// Most blocks a leaf; fits the count bits of a [`NodeRef`].
 pub(crate) const LEAF_BLOCKS_MAX: usize = (LEAF_SIZE_MAX as usize).div_ceil(BLOCK_MIN);
+
+/// Bytes of a cache line.
+const LINE: usize = 64;
 
 const COUNT_BITS: usize = 0b0_1111;
 const LEAF_BIT: usize = 0b1_0000;
@@ -146,6 +150,23 @@ impl NodeRef {
         }
         // SAFETY: the caller vouches for it; the tag says how many items there are.
         unsafe { std::slice::from_raw_parts(self.0.map_addr(|address| address & !TAG_BITS).cast(), count) }
+    }
+
+    /// Asks for the node `N` or the leaf's first item `T` to be brought into the cache, whatever is there.
+    /// Nodes that are no smaller than items save the choice, which would be hard to foresee: then a leaf's
+    /// second item comes along in part.
+    #[inline(always)]
+    pub(crate) fn prefetch<N: TreeNode, T>(self) {
+        let (node, item) = (size_of::<N>(), size_of::<T>());
+        let bytes = if node >= item || !self.is_leaf() { node } else { item };
+        let first = self.0.map_addr(|address| address & !TAG_BITS).cast_const();
+        let mut offset = 0;
+        while offset < bytes {
+            prefetch_line(first.wrapping_add(offset));
+            offset += LINE;
+        }
+        // Items need not begin with a line.
+        prefetch_line(first.wrapping_add(bytes - 1));
     }
 }
 

@@ -1,8 +1,8 @@
 //! The queries compiled for each instruction set, and the choice of those that fit a tree and a machine.
 
 use super::{
-    ClosestBelow, Isa, Kernels, LEVEL_WIDTH, LevelKernels, OccludedBelow, boxes, kernel, lanes, packet,
-    placed, triangles, watertight,
+    ClosestBelow, Isa, Kernels, LEVEL_WIDTH, LevelKernels, OccludedBelow, boxes, flight, kernel, lanes,
+    packet, placed, triangles, watertight,
 };
 use crate::geometry::{Hit, Ray};
 use crate::layout::{NodeRef, Root};
@@ -13,6 +13,7 @@ macro_rules! compile {
     ($(#[$feature:meta])* $name:ident, $two:ty, $four:ty, $eight:ty, $sixteen:ty) => {
         mod $name {
             use super::boxes::{Boxes, FastBoxes, PaddedBoxes, Planes};
+            use super::flight::{ClosestQuery, OccludedQuery};
             use super::lanes::{self, Lanes, Order, Stored};
             use super::packet::boxes::{FastPacket, PacketBoxes, PaddedPacket};
             use super::packet::bundle::{Bundle, Hits};
@@ -21,7 +22,7 @@ macro_rules! compile {
             use super::triangles::{BlockLeaves, Blocks, FastBlocks};
             use super::watertight::WatertightBlocks;
             use super::{ClosestBelow, Hit, Kernels, LEVEL_WIDTH, LevelKernels, NodeRef, OccludedBelow, Ray, Root};
-            use super::{kernel, packet};
+            use super::{flight, kernel, packet};
             use crate::parameters::TreeParameters;
             use crate::layout::{Node, TreeNode};
 
@@ -53,6 +54,30 @@ macro_rules! compile {
                     let leaves = BlockLeaves::<'_, T, B> { blocks: T::new(ray), ray, all: &root.triangles };
                     kernel::occluded::<N, X, _>(root, start, ray, &leaves)
                 }
+            }
+
+            // SAFETY: as above.
+            $(#[$feature])*
+            unsafe fn flight_closest<N: TreeNode, const B: usize, X: Boxes<N>, T: Blocks<B>>(
+                root: &Root,
+                flight: usize,
+                rays: &[Ray],
+                hits: &mut [Option<Hit>],
+            ) {
+                // SAFETY: what the caller promises is what this asks for.
+                unsafe { flight::each::<ClosestQuery<'_, N, X, T, B>>(root, flight, rays, hits) }
+            }
+
+            // SAFETY: as above.
+            $(#[$feature])*
+            unsafe fn flight_occluded<N: TreeNode, const B: usize, X: Boxes<N>, T: Blocks<B>>(
+                root: &Root,
+                flight: usize,
+                rays: &[Ray],
+                occluded: &mut [bool],
+            ) {
+                // SAFETY: what the caller promises is what this asks for.
+                unsafe { flight::each::<OccludedQuery<'_, N, X, T, B>>(root, flight, rays, occluded) }
             }
 
             // SAFETY: as above.
@@ -200,6 +225,8 @@ macro_rules! compile {
                 Kernels {
                     closest: closest::<N, B, FastBoxes<F>, FastBlocks<T>>,
                     occluded: occluded::<N, B, FastBoxes<F>, FastBlocks<T>>,
+                    flight_closest: flight_closest::<N, B, FastBoxes<F>, FastBlocks<T>>,
+                    flight_occluded: flight_occluded::<N, B, FastBoxes<F>, FastBlocks<T>>,
                     packet_closest: packet_closest::<N, B, F, FastPacket<$sixteen>, FastRays<$sixteen>>,
                     packet_occluded: packet_occluded::<N, B, F, FastPacket<$sixteen>, FastRays<$sixteen>>,
                     rays_closest,
@@ -211,6 +238,8 @@ macro_rules! compile {
                 Kernels {
                     closest: closest::<N, B, PaddedBoxes<F>, WatertightBlocks<T>>,
                     occluded: occluded::<N, B, PaddedBoxes<F>, WatertightBlocks<T>>,
+                    flight_closest: flight_closest::<N, B, PaddedBoxes<F>, WatertightBlocks<T>>,
+                    flight_occluded: flight_occluded::<N, B, PaddedBoxes<F>, WatertightBlocks<T>>,
                     packet_closest:
                         packet_closest::<N, B, F, PaddedPacket<$sixteen>, WatertightRays<$sixteen>>,
                     packet_occluded:

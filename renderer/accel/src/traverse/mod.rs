@@ -1,13 +1,15 @@
 //! Rays through the tree: one algorithm, compiled for each kind of tree and instruction set.
 //!
-//! Meaning and machine are kept apart. [`kernel`] walks the tree, [`boxes`] tests a node's children,
-//! [`triangles`] and [`watertight`] test a leaf's blocks; all are written once over [`lanes::Lanes`], a
-//! handful of vector operations. [`compile`] compiles them for each instruction set and picks one set of
-//! functions when a tree is built, so that a ray pays one indirect call and no further choice.
+//! Meaning and machine are kept apart. [`kernel`] walks the tree, in [`flight`] several rays take turns,
+//! [`boxes`] tests a node's children, [`triangles`] and [`watertight`] test a leaf's blocks; all are written
+//! once over [`lanes::Lanes`], a handful of vector operations. [`compile`] compiles them for each
+//! instruction set and picks one set of functions when a tree is built, so that a ray pays one indirect call
+//! and no further choice.
 
 mod boxes;
 mod compile;
 pub(crate) mod count;
+mod flight;
 mod isa;
 mod kernel;
 mod lanes;
@@ -48,6 +50,9 @@ type LevelOccluded = unsafe fn(&Root, &Lower, NodeRef, &Ray) -> bool;
 pub(crate) struct Kernels {
     closest: ClosestBelow,
     occluded: OccludedBelow,
+    /// For any number of rays, so many of them in flight at most.
+    flight_closest: unsafe fn(&Root, usize, &[Ray], &mut [Option<Hit>]),
+    flight_occluded: unsafe fn(&Root, usize, &[Ray], &mut [bool]),
     packet_closest: PacketClosest,
     packet_occluded: PacketOccluded,
     /// For up to [`packet::PACKET`] rays.
@@ -92,7 +97,7 @@ impl Kernels {
     }
 
     /// The nearest hit of each ray. Rays are packed only if `packets` calls them coherent: others part at
-    /// once and would go alone anyway.
+    /// once and go alone, but in turns.
     ///
     /// # Safety
     /// As for [`Kernels::closest`].
@@ -103,6 +108,10 @@ impl Kernels {
         rays: &[Ray],
         hits: &mut [Option<Hit>],
     ) {
+        if let Some(flight) = in_flight(packets) {
+            // SAFETY: as above.
+            return unsafe { (self.flight_closest)(root, flight, rays, hits) };
+        }
         // SAFETY: as above.
         let alone = |ray: &Ray| unsafe { self.closest(root, ray) };
         // SAFETY: as above.
@@ -122,6 +131,10 @@ impl Kernels {
         rays: &[Ray],
         occluded: &mut [bool],
     ) {
+        if let Some(flight) = in_flight(packets) {
+            // SAFETY: as above.
+            return unsafe { (self.flight_occluded)(root, flight, rays, occluded) };
+        }
         // SAFETY: as above.
         let alone = |ray: &Ray| unsafe { self.occluded(root, ray) };
         // SAFETY: as above.
@@ -157,7 +170,7 @@ impl LevelKernels {
         unsafe { (self.occluded)(root, lower, root.node, ray) }
     }
 
-    /// The nearest hit of each ray, packed as in [`Kernels::closest_each`].
+    /// The nearest hit of each ray, packed as in [`Kernels::closest_each`]. Others go alone, one by one.
     ///
     /// # Safety
     /// As for [`LevelKernels::closest`].
@@ -199,6 +212,15 @@ impl LevelKernels {
     }
 }
 
+/// How many rays are in flight, where rays go alone but in turns.
+fn in_flight(packets: Packets) -> Option<usize> {
+    match packets {
+        Packets::Four => Some(4),
+        Packets::Eight | Packets::Sixteen => Some(flight::FLIGHT_MAX),
+        Packets::Single | Packets::EightCoherent | Packets::SixteenCoherent => None,
+    }
+}
+
 /// One answer a ray, from rays alone or from packets of them.
 #[inline(always)]
 fn each<T>(
@@ -210,7 +232,9 @@ fn each<T>(
 ) {
     assert_eq!(rays.len(), answers.len(), "one answer a ray");
     let together = match packets {
-        Packets::Single | Packets::Eight | Packets::Sixteen => return one_by_one(rays, answers, alone),
+        Packets::Single | Packets::Four | Packets::Eight | Packets::Sixteen => {
+            return one_by_one(rays, answers, alone);
+        }
         Packets::EightCoherent => 8,
         Packets::SixteenCoherent => packet::PACKET,
     };

@@ -39,6 +39,18 @@ impl Stack {
         stack
     }
 
+    /// The end of the walk alone, written in its place: the room of a stack is too large to be moved.
+    #[inline(always)]
+    pub(crate) fn begin(place: &mut MaybeUninit<Self>) {
+        let stack = place.as_mut_ptr();
+        // SAFETY: the places lie within the stack; of its arrays, everything else may stay unwritten.
+        unsafe {
+            (&raw mut (*stack).nodes[0]).write(MaybeUninit::new(NodeRef::END));
+            (&raw mut (*stack).keys[0]).write(MaybeUninit::new(BOTTOM));
+            (&raw mut (*stack).top).write(1);
+        }
+    }
+
     /// Where the next entry's reference and key go, with room for a node's children.
     ///
     /// # Panics
@@ -90,6 +102,17 @@ impl PlainStack {
         let mut stack = Self { nodes: [const { MaybeUninit::uninit() }; ROOM], top: 1 };
         stack.nodes[0].write(NodeRef::END);
         stack
+    }
+
+    /// As [`Stack::begin`].
+    #[inline(always)]
+    pub(crate) fn begin(place: &mut MaybeUninit<Self>) {
+        let stack = place.as_mut_ptr();
+        // SAFETY: as there.
+        unsafe {
+            (&raw mut (*stack).nodes[0]).write(MaybeUninit::new(NodeRef::END));
+            (&raw mut (*stack).top).write(1);
+        }
     }
 
     /// Where the next entry goes, with room for a node's children.
