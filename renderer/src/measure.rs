@@ -462,7 +462,7 @@ mod tests {
     fn the_same_work_under_two_names_is_measured_once() {
         let (mut renderer, conditions) = quick(2, 1);
         let native = Choice::native(NativeQuality::Low);
-        let staged = Choice { render: RenderOptions { staged: true }, ..native };
+        let staged = Choice { render: RenderOptions { staged: true, ..native.render }, ..native };
         let contenders = [("a", native), ("b", staged), ("c", native)]
             .map(|(name, choice)| Contender { who: Who::Named(name.into()), choice });
         let all = interleaved(&mut renderer, &contenders, &conditions, || true);

@@ -1,6 +1,7 @@
 //! Options of a renderer besides its tree.
 
 use serde::{Deserialize, Serialize};
+use treewright_accel::Packets;
 
 /// The order of work of a frame. Pictures do not depend on it. The default is what a simple renderer does.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
@@ -8,6 +9,9 @@ pub struct RenderOptions {
     /// Tiles in stages (all camera rays, all their shadow rays, all first bounces, …), the first two of them
     /// in packets of sixteen; or path by path, ray by ray.
     pub staged: bool,
+    /// In stages, the grouping of rays from the second bounce on, and of their shadow rays.
+    #[serde(default)]
+    pub bounce_flight: Packets,
 }
 
 impl RenderOptions {

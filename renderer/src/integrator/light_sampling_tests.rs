@@ -152,8 +152,9 @@ fn both_orders_of_work_give_the_same_bits() {
         let (mut renderer, view) = renderer(name, detail);
         for way in ways() {
             renderer.set_light_sampling(way);
-            let [by_path, staged] =
-                [false, true].map(|staged| picture(&renderer, &view, &RenderOptions { staged }, 3));
+            let [by_path, staged] = [false, true].map(|staged| {
+                picture(&renderer, &view, &RenderOptions { staged, ..RenderOptions::default() }, 3)
+            });
             assert_eq!(by_path, staged, "{name} {way:?}");
         }
     }

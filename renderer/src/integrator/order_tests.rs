@@ -5,7 +5,8 @@ use std::sync::Arc;
 
 use glam::Vec3;
 use treewright_accel::{
-    BuildChoice, Device, Hit, Intersector, NativeOptions, Ray, Structure, TreeParameters, Visitor, build,
+    BuildChoice, Device, Hit, Intersector, NativeOptions, Packets, Ray, Structure, TreeParameters, Visitor,
+    build,
 };
 
 use super::{Counts, Needs, Prepared, View, render_sample};
@@ -86,7 +87,7 @@ fn scenes() -> Vec<Arc<Scene>> {
     scenes.into_iter().map(Arc::new).collect()
 }
 
-const STAGED: RenderOptions = RenderOptions { staged: true };
+const STAGED: RenderOptions = RenderOptions { staged: true, bounce_flight: Packets::Single };
 
 /// Traces the rays of every packet one by one.
 struct OneByOne<'a, I>(&'a I);
@@ -148,6 +149,24 @@ fn packets_find_what_single_rays_find() {
 }
 
 #[test]
+fn rays_in_flight_do_not_change_the_picture() {
+    let device = Device::open(0).expect("Embree is set up");
+    for scene in scenes() {
+        let wide = TreeParameters { branching_factor: 8, max_depth: 64, ..TreeParameters::default() };
+        let structure = build(&device, &scene.triangles, &BuildChoice::Tree(wide)).expect("it is built");
+        let prepared = Prepared::new(scene.clone());
+        let render = |bounce_flight| {
+            let options = RenderOptions { bounce_flight, ..STAGED };
+            structure.visit(Render { prepared: &prepared, options, needs: prepared.needs, bounces: 3 })
+        };
+        let alone = render(Packets::Single);
+        for bounce_flight in [Packets::Four, Packets::Eight] {
+            assert!(render(bounce_flight) == alone, "{}: {bounce_flight:?}", scene.name);
+        }
+    }
+}
+
+#[test]
 fn no_omission_changes_the_picture() {
     let device = Device::open(0).expect("Embree is set up");
     let mut omitted = 0;
@@ -157,7 +176,7 @@ fn no_omission_changes_the_picture() {
         for staged in [false, true] {
             for bounces in [0, 1, 3] {
                 let render = |needs| {
-                    let options = RenderOptions { staged };
+                    let options = RenderOptions { staged, ..STAGED };
                     structure.visit(Render { prepared: &prepared, options, needs, bounces }).0
                 };
                 let least = render(prepared.needs);

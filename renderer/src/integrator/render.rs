@@ -64,7 +64,8 @@ pub fn render_sample_until<I: Intersector>(
                 && let Some(mut tile) = next()
             {
                 if options.staged {
-                    stages::render(&frame, intersector, buffers, &mut tile, &mut counts);
+                    let bounces = options.bounce_flight;
+                    stages::render(&frame, intersector, bounces, buffers, &mut tile, &mut counts);
                 } else {
                     path_by_path(&frame, intersector, &mut tile, &mut counts);
                 }

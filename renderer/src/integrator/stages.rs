@@ -54,10 +54,11 @@ impl Buffers {
     }
 }
 
-/// Adds a sample to each pixel of a tile.
+/// Adds a sample to each pixel of a tile. `bounces` groups the rays from the second bounce on.
 pub(super) fn render<I: Intersector>(
     frame: &Frame,
     intersector: &I,
+    bounces: Packets,
     buffers: &mut Buffers,
     tile: &mut Tile<'_>,
     counts: &mut Counts,
@@ -78,23 +79,29 @@ pub(super) fn render<I: Intersector>(
             break;
         }
         counts.rays += active as u64;
+        let packets = packets_of(stage, bounces);
         if frame.is_blind(stage) {
-            buffers.finish_blind(frame, intersector, stage, active, counts);
+            buffers.finish_blind(frame, intersector, packets, active, counts);
             break;
         }
-        intersector.closest_each(packets_of(stage), &buffers.rays[..active], &mut buffers.hits[..active]);
+        intersector.closest_each(packets, &buffers.rays[..active], &mut buffers.hits[..active]);
         let shadows;
         (active, shadows) = buffers.shade(frame, active, counts);
-        buffers.light(frame, intersector, stage, shadows, counts);
+        buffers.light(frame, intersector, packets, shadows, counts);
     }
     for (pixel, sum) in tile.sums.iter_mut().enumerate() {
         counts.add_sample(sum, buffers.radiance[pixel]);
     }
 }
 
-/// How rays of a stage go: together only those of the first. Rays after a bounce have parted.
-fn packets_of(stage: u32) -> Packets {
-    if stage == 0 { Packets::SixteenCoherent } else { Packets::Single }
+/// How rays of a stage go: together only those of the first. Rays after a bounce have parted; those from the
+/// second on wait for memory most.
+fn packets_of(stage: u32, bounces: Packets) -> Packets {
+    match stage {
+        0 => Packets::SixteenCoherent,
+        1 => Packets::Single,
+        _ => bounces,
+    }
 }
 
 impl Buffers {
@@ -103,11 +110,11 @@ impl Buffers {
         &mut self,
         frame: &Frame,
         intersector: &I,
-        stage: u32,
+        packets: Packets,
         active: usize,
         counts: &mut Counts,
     ) {
-        intersector.occluded_each(packets_of(stage), &self.rays[..active], &mut self.occluded[..active]);
+        intersector.occluded_each(packets, &self.rays[..active], &mut self.occluded[..active]);
         for index in 0..active {
             if self.occluded[index] {
                 counts.hits += 1;
@@ -221,13 +228,13 @@ impl Buffers {
         &mut self,
         frame: &Frame,
         intersector: &I,
-        stage: u32,
+        packets: Packets,
         shadows: usize,
         counts: &mut Counts,
     ) {
         counts.shadow_rays += shadows as u64;
         let (rays, occluded) = (&self.shadow_rays[..shadows], &mut self.occluded[..shadows]);
-        intersector.occluded_each(packets_of(stage), rays, occluded);
+        intersector.occluded_each(packets, rays, occluded);
         for index in 0..shadows {
             let (light, pixel) = self.shadow_light[index];
             if !self.occluded[index] {

@@ -3,7 +3,7 @@
 use serde::de::value::{Error, StrDeserializer};
 use serde::{Deserialize, Serialize};
 use treewright_accel::{
-    BuildChoice, NativeAcceleration, NativeOptions, NativeQuality, Quality, TreeParameters, Update,
+    BuildChoice, NativeAcceleration, NativeOptions, NativeQuality, Packets, Quality, TreeParameters, Update,
 };
 use treewright_client::{Configuration, Value};
 
@@ -105,7 +105,13 @@ pub(super) fn of_full(complete: &Configuration, robust: bool) -> Choice {
     let values = Values(complete);
     let tunable = values.text("backend") == Some(Backend::Tunable.name());
     let build = if tunable { BuildChoice::Tree(values.tree(robust)) } else { values.native(robust) };
-    Choice { render: RenderOptions { staged: values.boolean("staged") }, ..Choice::from(build) }
+    let bounce_flight = match values.whole("bounce_flight", 1) {
+        4 => Packets::Four,
+        8 => Packets::Eight,
+        _ => Packets::Single,
+    };
+    let render = RenderOptions { staged: values.boolean("staged"), bounce_flight };
+    Choice { render, ..Choice::from(build) }
 }
 
 /// Reads values; a missing value is inactive and keeps the default of its field.

@@ -1,7 +1,8 @@
 //! Both spaces: defaults, every value's way into the renderer, and mistakes.
 
 use treewright_accel::{
-    BuildChoice, Builder, Collapse, NativeAcceleration, NativeOptions, NativeQuality, Quality, TreeParameters,
+    BuildChoice, Builder, Collapse, NativeAcceleration, NativeOptions, NativeQuality, Packets, Quality,
+    TreeParameters,
 };
 
 use treewright_client::Domain;
@@ -43,7 +44,7 @@ fn the_papers_default_is_that_of_table_1() {
 
 #[test]
 fn the_full_default_is_the_best_of_the_measured_ones() {
-    let by_hand = RenderOptions { staged: true };
+    let by_hand = RenderOptions { staged: true, bounce_flight: Packets::Single };
     let ours = choice(&full(), "").expect("the default is valid");
     assert_eq!(ours.render, by_hand);
     let tree = tree(&full(), "");
@@ -132,6 +133,10 @@ fn every_value_of_the_full_space_arrives() {
     assert_eq!(layout("native_layout=qbvh8_triangle4"), Ok(BuildChoice::Native(qbvh)));
     let plain = choice(&full, "staged=false").map(|choice| choice.render);
     assert_eq!(plain, Ok(RenderOptions::default()));
+    for (text, packets) in [("bounce_flight=4", Packets::Four), ("bounce_flight=8", Packets::Eight)] {
+        assert_eq!(choice(&full, text).map(|choice| choice.render.bounce_flight), Ok(packets));
+    }
+    assert!(problem(&full, "backend=native,bounce_flight=4").contains("it needs backend = tunable"));
 }
 
 /// Both ends of a range, and every value of a list.
