@@ -15,6 +15,7 @@ use std::sync::Arc;
 use glam::{Vec2, Vec3, Vec4Swizzles};
 
 use super::environment::SkyTable;
+use super::lamp::Lamp;
 use super::light_sample::LightSample;
 use super::punctual::PunctualLights;
 use super::sampling::{AliasTable, Basis, luminance, uniform_cone, uniform_triangle};
@@ -67,21 +68,6 @@ pub(super) fn mean_emission(scene: &Scene, material: &Material) -> Vec3 {
     texture.map_or(material.emission, |texture| material.emission * texture.mean().xyz())
 }
 
-/// An emissive triangle: 64 bytes, one cache line.
-#[derive(Clone, Copy, Debug)]
-#[repr(C, align(64))]
-pub(super) struct Lamp {
-    pub(super) corner: Vec3,
-    pub(super) edges: [Vec3; 2],
-    /// Unit length.
-    pub(super) normal: Vec3,
-    pub(super) emission: Vec3,
-    /// See [`Lights::lamp_density`].
-    pub(super) density: f32,
-}
-
-const _: () = assert!(size_of::<Lamp>() == 64);
-
 /// Number of triangles from which on candidates are drawn.
 const FEW_LAMPS: usize = 3;
 
@@ -94,39 +80,6 @@ const SHIFTS: [f32; 2] = [0.754_877_7, 0.569_840_3];
 fn shifted(number: f32, by: f32) -> f32 {
     let moved = number + by;
     if moved >= 1.0 { moved - 1.0 } else { moved }
-}
-
-impl Lamp {
-    /// One that is never sound.
-    pub(super) const NONE: Self = Self {
-        corner: Vec3::ZERO,
-        edges: [Vec3::ZERO; 2],
-        normal: Vec3::ZERO,
-        emission: Vec3::ZERO,
-        density: 0.0,
-    };
-
-    /// The share of a point's radiance that reaches a surface per area of the lamp, if nothing is in between.
-    #[inline(always)]
-    fn reach(&self, position: Vec3, normal: Vec3, u: [f32; 2]) -> f32 {
-        let [v, w] = uniform_triangle(u);
-        let offset = self.corner + self.edges[0] * v + self.edges[1] * w - position;
-        let square = offset.length_squared();
-        let cosines = normal.dot(offset).max(0.0) * self.normal.dot(offset).abs();
-        if square > 0.0 { cosines / (square * square) } else { 0.0 }
-    }
-
-    /// A point on it, seen from a position.
-    #[inline(always)]
-    pub(super) fn sample(&self, position: Vec3, u: [f32; 2]) -> LightSample {
-        let [v, w] = uniform_triangle(u);
-        let offset = self.corner + self.edges[0] * v + self.edges[1] * w - position;
-        let distance_squared = offset.length_squared();
-        let distance = distance_squared.sqrt();
-        let direction = offset * (1.0 / distance);
-        let pdf = solid_angle_pdf(self.density, direction.dot(self.normal), distance_squared);
-        LightSample { direction, distance, radiance: self.emission, pdf }
-    }
 }
 
 /// The sun as a cone of constant radiance.
@@ -557,10 +510,4 @@ impl Lights {
     pub fn sky(&self, direction: Vec3) -> Vec3 {
         self.sky.horizon + (self.sky.zenith - self.sky.horizon) * direction.y.clamp(0.0, 1.0)
     }
-}
-
-/// A density over area as one over solid angle, seen from so far away at such an angle.
-#[inline(always)]
-pub(super) fn solid_angle_pdf(density: f32, cosine: f32, distance_squared: f32) -> f32 {
-    density * distance_squared / cosine.abs()
 }

@@ -13,6 +13,7 @@ mod bsdf;
 mod chunk;
 mod environment;
 mod frame;
+mod lamp;
 mod lens;
 mod light_sample;
 mod lights;

@@ -12,7 +12,7 @@ use glam::Vec3;
 use treewright_accel::{Hit, Ray};
 
 use super::bsdf::Scatter;
-use super::lights::solid_angle_pdf;
+use super::lamp::solid_angle_pdf;
 use super::needs::Needs;
 use super::prepared::Prepared;
 use super::random::PathRandom;

@@ -7,7 +7,7 @@ use glam::Vec3;
 
 use crate::integrator::LightSample;
 use crate::integrator::bsdf::Gloss;
-use crate::integrator::lights::Lamp;
+use crate::integrator::lamp::Lamp;
 use crate::integrator::multiple::{Losses, Multiple};
 use crate::integrator::random::PathRandom;
 use crate::integrator::surface::{Surface, WorldFacet};
