@@ -14,7 +14,7 @@ use treewright_accel::{
 
 use crate::film::{Film, Picture};
 use crate::integrator::{Counts, Learnt, Needs, Prepared, View, learn, render_sample_until};
-use crate::light_sampling::LightSampling;
+use crate::light_sampling::{LearningTimes, LightSampling};
 use crate::limits::TRIALS_PER_BUILD_MAX;
 use crate::noise::{FrameNoise, HALF_SAMPLES, WEIGHT_SAMPLES, Weights};
 use crate::render_options::RenderOptions;
@@ -159,7 +159,7 @@ pub struct Renderer {
 struct Studied {
     view: View,
     size: [u32; 2],
-    learning_ms: f64,
+    learning: LearningTimes,
     weights: Weights,
 }
 
@@ -203,39 +203,44 @@ impl Renderer {
     }
 
     /// Renders small frames of a view of this size, in pixels, with the kept structure, and learns from them
-    /// for light sampling. Nothing while there is no structure. Returns how long it took, in milliseconds.
-    pub fn learn_light(&mut self, view: &View, size: [u32; 2]) -> Option<f64> {
+    /// for light sampling. Nothing while there is no structure. Returns how long it took.
+    pub fn learn_light(&mut self, view: &View, size: [u32; 2]) -> Option<LearningTimes> {
         let kept = self.current.take()?;
-        let learning_ms = self.learn_light_with(&kept.structure, view, size);
+        let learning = self.learn_light_with(&kept.structure, view, size);
         self.current = Some(kept);
-        Some(learning_ms)
+        Some(learning)
     }
 
     /// Learns light with another structure.
-    pub fn learn_light_with(&mut self, structure: &Structure, view: &View, size: [u32; 2]) -> f64 {
-        let begin = Instant::now();
+    pub fn learn_light_with(&mut self, structure: &Structure, view: &View, size: [u32; 2]) -> LearningTimes {
         let pilot = Pilot { prepared: &self.prepared, view, size };
         let learnt = self.pool.install(|| structure.visit(pilot));
+        let times = learnt.times;
         Arc::make_mut(&mut self.prepared).take_over(learnt);
-        milliseconds(begin)
+        times
     }
 
     /// Prepares the measurement of noise in a view: learns for light sampling, and how bright the picture is.
-    /// Nothing while there is no structure. Returns what the learning took, in milliseconds.
-    pub fn study_view(&mut self, view: &View, options: &RenderOptions, size: [u32; 2]) -> Option<f64> {
+    /// Nothing while there is no structure. Returns what the learning took.
+    pub fn study_view(
+        &mut self,
+        view: &View,
+        options: &RenderOptions,
+        size: [u32; 2],
+    ) -> Option<LearningTimes> {
         let known = self.studied.as_ref().filter(|known| known.view == *view && known.size == size);
         if let Some(known) = known {
-            return Some(known.learning_ms);
+            return Some(known.learning);
         }
         self.set_light_sampling(LightSampling::default());
-        let learning_ms = self.learn_light(view, size)?;
+        let learning = self.learn_light(view, size)?;
         let mut film = Film::new(size[0], size[1]);
         for _ in 0..WEIGHT_SAMPLES {
             self.render(view, options, &mut film)?;
         }
         let weights = Weights::of(&film.picture());
-        self.studied = Some(Studied { view: *view, size, learning_ms, weights });
-        Some(learning_ms)
+        self.studied = Some(Studied { view: *view, size, learning, weights });
+        Some(learning)
     }
 
     /// Measures time and noise of a frame in the view that was [studied](Self::study_view). `None` if none

@@ -6,10 +6,12 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct LightSampling {
-    /// Points on lamps drawn by power, of which one is chosen by the light that it would bring: 1 to 16.
+    /// Points on lamps, of which one is chosen by the light that it would bring: 1 to 16.
     pub candidates: u32,
+    /// How these points are drawn.
+    pub lamps: LampChoice,
     /// Factor on the weight of a sampled lamp, against one that a bounce finds, over that of its density by
-    /// power: 1 and more. It accounts for the choice among lamps, which is better than by power alone.
+    /// power and over what was learnt: 1 and more. It accounts for the choice among the candidates.
     pub lamp_weight: f32,
     /// Share of shadow rays that turn to the sun where there are lamps, too: 0.05 to 0.95.
     pub sun_share: f32,
@@ -28,6 +30,17 @@ pub struct LightSampling {
     pub path_roulette: f32,
 }
 
+/// The draw of lamps.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum LampChoice {
+    /// By power.
+    #[default]
+    Plain,
+    /// Also by which of them were found to light the place in a few frames before.
+    Learnt,
+}
+
 /// The sampling of the sky.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -42,7 +55,24 @@ pub enum SkyChoice {
 impl LightSampling {
     /// Whether it needs pilot frames.
     pub fn learns(&self) -> bool {
-        self.sky == SkyChoice::Learnt || self.shadow_roulette > 0.0
+        self.sky == SkyChoice::Learnt || self.lamps == LampChoice::Learnt || self.shadow_roulette > 0.0
+    }
+}
+
+/// The times of learning.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct LearningTimes {
+    /// Of the pilot frames, and of what is learnt of the sky.
+    pub frames_ms: f64,
+    /// Of trying lamps, after the frames.
+    pub lamps_ms: f64,
+}
+
+impl LearningTimes {
+    /// The time that sampling light in this way pays for, in milliseconds.
+    pub fn of(&self, how: &LightSampling) -> f64 {
+        let frames_ms = if how.learns() { self.frames_ms } else { 0.0 };
+        frames_ms + if how.lamps == LampChoice::Learnt { self.lamps_ms } else { 0.0 }
     }
 }
 
@@ -50,6 +80,7 @@ impl Default for LightSampling {
     fn default() -> Self {
         Self {
             candidates: 2,
+            lamps: LampChoice::Plain,
             lamp_weight: 1.0,
             sun_share: 0.5,
             sky: SkyChoice::Plain,
@@ -58,5 +89,20 @@ impl Default for LightSampling {
             shadow_roulette: 0.0,
             path_roulette: 0.0,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_way_pays_for_what_it_learns() {
+        let times = LearningTimes { frames_ms: 100.0, lamps_ms: 10.0 };
+        let plain = LightSampling::default();
+        assert_eq!(times.of(&plain), 0.0);
+        assert_eq!(times.of(&LightSampling { sky: SkyChoice::Learnt, ..plain }), 100.0);
+        assert_eq!(times.of(&LightSampling { shadow_roulette: 0.1, ..plain }), 100.0);
+        assert_eq!(times.of(&LightSampling { lamps: LampChoice::Learnt, ..plain }), 110.0);
     }
 }

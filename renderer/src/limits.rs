@@ -15,6 +15,15 @@ pub const SHEETS_PER_SEGMENT_MAX: u32 = 4;
 /// Most ways through transmitting solids between two bounces: from wall to wall inside counts as one.
 pub const SOLID_WAYS_MAX: u32 = 24;
 
+/// Most groups of emissive triangles that are told apart where it is learnt which lamps light a place.
+pub const LAMP_GROUPS_MAX: usize = 1024;
+
+/// Most groups of them that are kept for a place.
+pub const LAMP_GROUPS_PER_CELL_MAX: usize = 32;
+
+/// Most places for which that is learnt.
+pub const LAMP_CELLS_MAX: usize = 2048;
+
 /// Most render threads.
 pub const THREADS_MAX: usize = 1024;
 

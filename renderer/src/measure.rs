@@ -13,6 +13,7 @@ use treewright_accel::Structure;
 use crate::film::Film;
 use crate::frame::{FrameTimes, Renderer, milliseconds};
 use crate::integrator::View;
+use crate::light_sampling::LearningTimes;
 use crate::scheduling::{ThreadTimes, of_process};
 use crate::space::Choice;
 use crate::statistics::{Ratio, Summary};
@@ -206,10 +207,10 @@ struct Built {
 }
 
 impl Built {
-    fn of(renderer: &Renderer, choice: &Choice, learning_ms: f64) -> Result<Self, String> {
+    fn of(renderer: &Renderer, choice: &Choice, learning: &LearningTimes) -> Result<Self, String> {
         let (built, threads) = of_process(|| renderer.build(&choice.build));
         let (structure, build_ms) = built.map_err(|error| error.to_string())?;
-        let build_ms = build_ms + if choice.light.learns() { learning_ms } else { 0.0 };
+        let build_ms = build_ms + learning.of(&choice.light);
         let times = FrameTimes::of(build_ms, 0.0);
         let times = times.with_threads(renderer.threads(), threads, ThreadTimes::default());
         Ok(Built { structure, build_ms, undelayed_build_ms: times.undelayed().build_ms })
@@ -228,15 +229,15 @@ fn in_turns(
     conditions: &Conditions,
     mut go_on: impl FnMut() -> bool,
 ) -> Vec<Measured> {
-    let learning_ms = match conditions.yardstick {
+    let learning = match conditions.yardstick {
         Yardstick::Noise => study(renderer, contenders, conditions),
-        Yardstick::Frame | Yardstick::Episode => 0.0,
+        Yardstick::Frame | Yardstick::Episode => LearningTimes::default(),
     };
     let mut structures: Vec<Option<Built>> = Vec::new();
     let mut measured: Vec<Measured> = Vec::new();
     let begin = Instant::now();
     for contender in contenders {
-        let built = Built::of(renderer, &contender.choice, learning_ms);
+        let built = Built::of(renderer, &contender.choice, &learning);
         let failure = built.as_ref().err().cloned();
         measured.push(Measured { who: contender.who.clone(), failure, ..Measured::default() });
         structures.push(built.ok());
@@ -257,7 +258,7 @@ fn in_turns(
             };
             let choice = &contenders[index].choice;
             let rebuilt = match is_due && conditions.keeps_builds() {
-                true => Built::of(renderer, choice, learning_ms).map(|fresh| *built = fresh),
+                true => Built::of(renderer, choice, &learning).map(|fresh| *built = fresh),
                 false => Ok(()),
             };
             let times =
@@ -289,8 +290,8 @@ fn in_turns(
     measured
 }
 
-/// Prepares the measurement of noise; returns what the learning took, in milliseconds.
-fn study(renderer: &mut Renderer, contenders: &[Contender], conditions: &Conditions) -> f64 {
+/// Prepares the measurement of noise; returns what the learning took.
+fn study(renderer: &mut Renderer, contenders: &[Contender], conditions: &Conditions) -> LearningTimes {
     let size = [conditions.width, conditions.height];
     contenders
         .iter()
@@ -300,7 +301,7 @@ fn study(renderer: &mut Renderer, contenders: &[Contender], conditions: &Conditi
             }
             renderer.study_view(&conditions.view, &contender.choice.render, size)
         })
-        .unwrap_or(0.0)
+        .unwrap_or_default()
 }
 
 fn frame(

@@ -128,8 +128,9 @@ pub fn compare(
             match renderer.build(&curves[index].choice.build) {
                 Ok((structure, build_ms)) => {
                     // A contender that learns where light comes from pays for it in each run.
-                    let learning_ms = match curves[index].choice.light.learns() {
-                        true => renderer.learn_light_with(&structure, &view, [size.0, size.1]),
+                    let light = curves[index].choice.light;
+                    let learning_ms = match light.learns() {
+                        true => renderer.learn_light_with(&structure, &view, [size.0, size.1]).of(&light),
                         false => 0.0,
                     };
                     lanes.push((index, Lane::new(structure, build_ms + learning_ms, size)));

@@ -12,7 +12,7 @@ use crate::film::{Film, Picture};
 use crate::frame::Renderer;
 use crate::integrator::View;
 use crate::integrator::sampling::luminance;
-use crate::light_sampling::{LightSampling, SkyChoice};
+use crate::light_sampling::{LampChoice, LightSampling, SkyChoice};
 use crate::render_options::RenderOptions;
 use crate::scene::{Camera, Material, Sky, Sun};
 use crate::space::Choice;
@@ -26,6 +26,7 @@ const SAMPLES: u32 = 24;
 fn ways() -> Vec<LightSampling> {
     let plain = LightSampling::default();
     let sky = LightSampling { sky: SkyChoice::Learnt, sky_share: 0.3, ..plain };
+    let lamps = LightSampling { lamps: LampChoice::Learnt, ..plain };
     vec![
         plain,
         LightSampling { candidates: 1, sun_share: 0.8, ..plain },
@@ -34,6 +35,9 @@ fn ways() -> Vec<LightSampling> {
         sky,
         LightSampling { learnt_shares: true, ..sky },
         LightSampling { learnt_shares: true, lamp_weight: 4.0, candidates: 4, ..sky },
+        lamps,
+        LightSampling { candidates: 1, lamp_weight: 4.0, ..lamps },
+        LightSampling { candidates: 8, lamps: LampChoice::Learnt, learnt_shares: true, ..sky },
         LightSampling { shadow_roulette: 0.4, path_roulette: 0.5, ..plain },
         LightSampling { shadow_roulette: 0.4, path_roulette: 0.5, learnt_shares: true, ..sky },
     ]
@@ -172,18 +176,44 @@ fn a_sky_that_is_no_longer_learnt_leaves_no_need_behind() {
     assert_eq!(renderer.needs(), before);
 }
 
-#[test]
-fn the_sky_through_windows_is_found_sooner_once_it_was_learnt() {
-    let (mut renderer, view) = renderer("loft", 0.2);
+/// The variances of two ways in a scene.
+fn variances(name: &str, detail: f32, ways: [LightSampling; 2]) -> [f64; 2] {
+    let (mut renderer, view) = renderer(name, detail);
     let options = RenderOptions::default();
     renderer.study_view(&view, &options, [96, 64]).expect("there is a structure");
-    let mut error = |way| {
+    ways.map(|way| {
         renderer.set_light_sampling(way);
         let structure = renderer.structure().expect("there is one");
         let (times, _) = renderer.noisy_frame(structure, &options).expect("the view was studied");
         times.noise.expect("it was measured").relative_variance
-    };
-    let learnt = LightSampling { sky: SkyChoice::Learnt, learnt_shares: true, ..LightSampling::default() };
-    let (plain, learnt) = (error(LightSampling::default()), error(learnt));
+    })
+}
+
+#[test]
+fn the_sky_through_windows_is_found_sooner_once_it_was_learnt() {
+    let plain = LightSampling::default();
+    let learnt = LightSampling { sky: SkyChoice::Learnt, learnt_shares: true, ..plain };
+    let [plain, learnt] = variances("loft", 0.2, [plain, learnt]);
     assert!(learnt < 0.7 * plain, "variance {learnt} and {plain}");
+}
+
+#[test]
+fn near_lamps_among_many_are_found_sooner_once_they_were_learnt() {
+    let plain = LightSampling { candidates: 4, lamp_weight: 64.0, ..LightSampling::default() };
+    let learnt = LightSampling { lamps: LampChoice::Learnt, lamp_weight: 8.0, ..plain };
+    let [plain, learnt] = variances("market", 0.3, [plain, learnt]);
+    assert!(learnt < 0.7 * plain, "variance {learnt} and {plain}");
+}
+
+#[test]
+fn lamps_are_learnt_alike_each_time() {
+    let (mut renderer, view) = renderer("market", 0.05);
+    renderer.set_light_sampling(LightSampling { lamps: LampChoice::Learnt, ..LightSampling::default() });
+    let first = picture(&renderer, &view, &RenderOptions::default(), 2);
+    renderer.set_light_sampling(LightSampling::default());
+    renderer.learn_light(&view, [120, 80]).expect("there is a structure");
+    let plain = picture(&renderer, &view, &RenderOptions::default(), 2);
+    renderer.set_light_sampling(LightSampling { lamps: LampChoice::Learnt, ..LightSampling::default() });
+    assert_eq!(picture(&renderer, &view, &RenderOptions::default(), 2), first);
+    assert_ne!(plain, first, "they are drawn otherwise");
 }

@@ -3,7 +3,8 @@
 //! Emissive triangles are chosen by power and place. A few points are drawn by power alone, and one of them
 //! is taken by the light that would reach the surface if nothing were in between. Its light is weighed by
 //! that of the others (resampled importance sampling: Talbot, Cline and Egbert, EGSR 2005). The power
-//! heuristic takes the density of the draw by power; any function that both techniques share would do.
+//! heuristic takes the density of the draw by power; any function that both techniques share would do. Where
+//! it was learnt which lamps light a place, points are drawn by that instead, and weighed accordingly.
 //!
 //! Emissive triangles shine to both sides, because the winding in scene files cannot be relied on. The sky's
 //! gradient is smooth and is left to the surfaces' own sampling unless it was learnt where it is seen; lamps,
@@ -16,11 +17,13 @@ use glam::{Vec2, Vec3, Vec4Swizzles};
 
 use super::environment::SkyTable;
 use super::lamp::Lamp;
+use super::lamp_guide::{LampDraw, LampGuide};
 use super::light_sample::LightSample;
 use super::punctual::PunctualLights;
 use super::sampling::{AliasTable, Basis, luminance, uniform_cone, uniform_triangle};
 use super::sky_guide::{Shares, SkyGuide};
-use crate::light_sampling::{LightSampling, SkyChoice};
+use super::surface::Surface;
+use crate::light_sampling::{LampChoice, LightSampling, SkyChoice};
 use crate::scene::{Material, Scene, Sky, Texture};
 
 /// The lights of a scene, ready to be sampled.
@@ -34,6 +37,10 @@ pub struct Lights {
     how: LightSampling,
     /// The learnt directions of the sky.
     guide: Option<Arc<SkyGuide>>,
+    /// The learnt lamps of places.
+    lamp_guide: Option<Arc<LampGuide>>,
+    /// Factor on the weight of a sampled lamp over that of its density by power.
+    lamp_weight: f32,
     /// Parallel to `lamps`, or empty where none has a texture.
     skins: Vec<Option<Skin>>,
     textures: Vec<Arc<Texture>>,
@@ -163,6 +170,8 @@ impl Lights {
             table,
             how: LightSampling::default(),
             guide: None,
+            lamp_guide: None,
+            lamp_weight: 1.0,
             skins,
             textures,
             density: 0.0,
@@ -189,16 +198,38 @@ impl Lights {
         self.share_out();
     }
 
-    /// Takes over the learnt directions of the sky.
-    pub(super) fn set_guide(&mut self, guide: Option<Arc<SkyGuide>>) {
-        self.guide = guide;
+    /// Takes over the learnt directions of the sky, and the learnt lamps of places.
+    pub(super) fn set_guides(&mut self, sky: Option<Arc<SkyGuide>>, lamps: Option<Arc<LampGuide>>) {
+        (self.guide, self.lamp_guide) = (sky, lamps);
         self.share_out();
+    }
+
+    /// Whether there are lamps among which a choice can be learnt.
+    pub(super) fn has_many_lamps(&self) -> bool {
+        self.table.is_some() && self.lamps.len() >= FEW_LAMPS
+    }
+
+    /// Learns which lamps light places. See [`LampGuide::new`].
+    pub(super) fn learn_lamps(
+        &self,
+        places: &[Surface],
+        eye: Vec3,
+        seed: u64,
+        arrives: impl Fn(&Surface, &LightSample) -> bool + Sync,
+    ) -> Option<LampGuide> {
+        LampGuide::new(&self.lamps, &self.powers, places, eye, seed, arrives)
     }
 
     /// The learnt directions of the sky, where they are sampled.
     #[inline(always)]
     fn guide(&self) -> Option<&SkyGuide> {
         if self.how.sky == SkyChoice::Learnt { self.guide.as_deref() } else { None }
+    }
+
+    /// The learnt lamps of places, where they are used.
+    #[inline(always)]
+    fn lamp_guide(&self) -> Option<&LampGuide> {
+        if self.how.lamps == LampChoice::Learnt { self.lamp_guide.as_deref() } else { None }
     }
 
     /// Deals out the shares of the kinds of light, and the densities that follow.
@@ -216,7 +247,8 @@ impl Lights {
         self.environment_share = share(self.has_environment(), others, how.sky_share);
         let others = (1.0 - self.environment_share) * (1.0 - self.punctual_share);
         let power: f64 = self.powers.iter().sum();
-        let share = f64::from(others * (1.0 - self.sun_share) * how.lamp_weight);
+        self.lamp_weight = how.lamp_weight * self.lamp_guide().map_or(1.0, LampGuide::gain);
+        let share = f64::from(others * (1.0 - self.sun_share) * self.lamp_weight);
         self.density = if self.table.is_some() { (share / power) as f32 } else { 0.0 };
         for lamp in &mut self.lamps {
             lamp.density = self.density * luminance(lamp.emission);
@@ -405,16 +437,64 @@ impl Lights {
     #[inline(always)]
     pub(super) fn lamp(
         &self,
-        [choice, pick]: [f32; 2],
+        numbers: [f32; 2],
+        u: [f32; 2],
+        position: Vec3,
+        normal: Vec3,
+    ) -> Option<(Lamp, [f32; 2])> {
+        match self.lamp_guide() {
+            None => self.lamp_by_power(numbers, u, position, normal),
+            Some(guide) => self.learnt_lamp(guide, numbers, u, position, normal),
+        }
+    }
+
+    #[inline(always)]
+    fn lamp_by_power(
+        &self,
+        numbers: [f32; 2],
         u: [f32; 2],
         position: Vec3,
         normal: Vec3,
     ) -> Option<(Lamp, [f32; 2])> {
         let table = self.table.as_ref()?;
+        let draw = |pick| LampDraw { lamp: table.sample(pick), ratio: 1.0, worth: 1.0 };
+        self.resampled(numbers, u, position, normal, draw)
+    }
+
+    /// One that belongs to the place, where that was learnt. A call of its own, which the others need not
+    /// make room for.
+    #[inline(never)]
+    fn learnt_lamp(
+        &self,
+        guide: &LampGuide,
+        numbers: [f32; 2],
+        u: [f32; 2],
+        position: Vec3,
+        normal: Vec3,
+    ) -> Option<(Lamp, [f32; 2])> {
+        let Some(of_place) = guide.table(position, normal) else {
+            return self.lamp_by_power(numbers, u, position, normal);
+        };
+        let table = self.table.as_ref()?;
+        let draw = |pick| guide.draw(of_place, pick, |pick| table.sample(pick));
+        self.resampled(numbers, u, position, normal, draw)
+    }
+
+    /// One of a few lamps, each of which `draw` gives for a number in [0, 1).
+    #[inline(always)]
+    fn resampled(
+        &self,
+        [choice, pick]: [f32; 2],
+        u: [f32; 2],
+        position: Vec3,
+        normal: Vec3,
+        draw: impl Fn(f32) -> LampDraw,
+    ) -> Option<(Lamp, [f32; 2])> {
         // Few triangles are one lamp, all of which is about as near.
         let candidates = if self.lamps.len() < FEW_LAMPS { 1 } else { self.how.candidates };
         if candidates == 1 {
-            return Some(self.weighed(table.sample(pick), u, 1.0));
+            let LampDraw { lamp, ratio, .. } = draw(pick);
+            return Some(self.weighed(lamp, u, ratio));
         }
         let step = 1.0 / candidates as f32;
         let mut rest = (choice - self.sun_share) / (1.0 - self.sun_share);
@@ -422,20 +502,21 @@ impl Lights {
         for candidate in 0..candidates {
             let shift = candidate as f32;
             // Each draws like the first, and together they lie evenly.
-            let number = table.sample(shifted(pick, shift * step));
+            let LampDraw { lamp, ratio, worth } = draw(shifted(pick, shift * step));
             let at = [shifted(u[0], (shift * SHIFTS[0]).fract()), shifted(u[1], (shift * SHIFTS[1]).fract())];
-            let weight = self.lamps[number].reach(position, normal, at);
+            let light = self.lamps[lamp].reach(position, normal, at) * worth;
+            let weight = light * ratio;
             sum += weight;
             let share = if sum > 0.0 { weight / sum } else { 0.0 };
             if rest < share {
-                taken = Some((number, at, weight));
+                taken = Some((lamp, at, light));
                 rest /= share;
             } else {
                 rest = (rest - share) / (1.0 - share);
             }
         }
-        let (number, at, weight) = taken?;
-        Some(self.weighed(number, at, sum / (weight * candidates as f32)))
+        let (lamp, at, light) = taken?;
+        Some(self.weighed(lamp, at, sum / (light * candidates as f32)))
     }
 
     /// A lamp and where on it, with the emission of the point times the weight of the choice.
@@ -443,7 +524,7 @@ impl Lights {
     fn weighed(&self, number: usize, at: [f32; 2], weight: f32) -> (Lamp, [f32; 2]) {
         let lamp = self.lamps[number];
         let lamp = if self.skins.is_empty() { lamp } else { self.looked_up(number, lamp, at) };
-        (Lamp { emission: lamp.emission * (weight * self.how.lamp_weight), ..lamp }, at)
+        (Lamp { emission: lamp.emission * (weight * self.lamp_weight), ..lamp }, at)
     }
 
     #[cold]

@@ -14,6 +14,8 @@ mod chunk;
 mod environment;
 mod frame;
 mod lamp;
+mod lamp_groups;
+mod lamp_guide;
 mod lens;
 mod light_sample;
 mod lights;

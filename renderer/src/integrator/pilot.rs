@@ -1,18 +1,24 @@
 //! A few small frames before the others, from which light sampling learns.
 
 use std::sync::Arc;
+use std::time::Instant;
 
 use glam::Vec3;
 use rayon::prelude::*;
-use treewright_accel::{Intersector, Ray};
+use treewright_accel::{Hit, Intersector, Ray};
 
-use super::View;
 use super::frame::Frame;
+use super::lamp_guide::LampGuide;
+use super::light_sample::LightSample;
 use super::prepared::Prepared;
 use super::sampling::luminance;
+use super::shadows::through_sheets;
 use super::sky_guide::{Kind, Learnt, LightRecord, SkyGuide};
-use super::vertex::{Path, Shadow, missed};
-use crate::film::Film;
+use super::surface::{Surface, WorldFacet};
+use super::vertex::{Path, SHADOW_SHARE, Shadow, missed};
+use super::{Counts, View};
+use crate::film::{Film, Tile};
+use crate::light_sampling::LearningTimes;
 
 /// Most pixels of a pilot's frame along either side.
 const EDGE_MAX: u32 = 160;
@@ -22,6 +28,17 @@ const SAMPLES: u32 = 16;
 
 const TILE: u32 = 16;
 
+/// What pilot frames find.
+#[derive(Debug, Default)]
+struct Notes {
+    records: Vec<LightRecord>,
+    /// Where paths met surfaces, if that is wanted.
+    places: Vec<Surface>,
+    places_wanted: bool,
+    /// Sum of the luminance of all samples.
+    light: f64,
+}
+
 /// Renders pilot frames of a view. Runs on the rayon pool it is called in.
 pub(crate) fn learn<I: Intersector>(
     prepared: &Prepared,
@@ -29,6 +46,7 @@ pub(crate) fn learn<I: Intersector>(
     view: &View,
     [width, height]: [u32; 2],
 ) -> Learnt {
+    let begin = Instant::now();
     let shrink = f64::from(width.max(height)) / f64::from(EDGE_MAX);
     let shrunk =
         |edge: u32| if shrink > 1.0 { (f64::from(edge) / shrink).round().max(1.0) as u32 } else { edge };
@@ -36,34 +54,61 @@ pub(crate) fn learn<I: Intersector>(
     let pixels = film.width() as usize * film.height() as usize;
     // Another picture than those that follow.
     let view = View { seed: view.seed ^ 0x9170_7a5c, ..*view };
-    let (mut records, mut light) = (Vec::new(), 0.0);
-    for _ in 0..SAMPLES {
+    let lights = &prepared.lights;
+    let mut all = Notes::default();
+    for sample in 0..SAMPLES {
+        // One frame meets places enough.
+        let places_wanted = sample == 0 && lights.has_many_lamps();
         let frame = Frame::new(prepared, &view, prepared.needs, &film);
-        let tiles: Vec<(Vec<LightRecord>, f64)> = film
+        let tiles: Vec<Notes> = film
             .tiles(TILE)
             .into_par_iter()
-            .map(|tile| {
-                let (mut records, mut sum) = (Vec::new(), 0.0);
-                for pixel in 0..tile.sums.len() as u32 {
-                    if let Some((path, ray)) = frame.begin(&tile, pixel) {
-                        let radiance = follow(&frame, intersector, path, ray, &mut records);
-                        sum += if radiance.is_finite() { f64::from(luminance(radiance)) } else { 0.0 };
-                    }
-                }
-                (records, sum)
-            })
+            .map(|tile| notes_of(&frame, intersector, &tile, places_wanted))
             .collect();
-        for (tile_records, sum) in tiles {
-            records.extend(tile_records);
-            light += sum;
+        for notes in tiles {
+            all.records.extend(notes.records);
+            all.places.extend(notes.places);
+            all.light += notes.light;
         }
         film.count_sample();
     }
-    let brightness = (light / (pixels as f64 * f64::from(SAMPLES))) as f32;
-    let lights = &prepared.lights;
-    let guide = SkyGuide::new(&records);
+    let brightness = (all.light / (pixels as f64 * f64::from(SAMPLES))) as f32;
+    let guide = SkyGuide::new(&all.records);
     let guide = guide.map(|guide| guide.keep_kinds([true, lights.has_sun(), lights.has_lamps()]));
-    Learnt { sky: guide.map(Arc::new), brightness }
+    let frames_ms = begin.elapsed().as_secs_f64() * 1e3;
+    let begin = Instant::now();
+    let lamps = learn_lamps(prepared, intersector, &view, &all.places);
+    let times = LearningTimes { frames_ms, lamps_ms: begin.elapsed().as_secs_f64() * 1e3 };
+    Learnt { sky: guide.map(Arc::new), lamps: lamps.map(Arc::new), brightness, times }
+}
+
+/// Follows a path of each pixel of a tile.
+fn notes_of<I: Intersector>(frame: &Frame, intersector: &I, tile: &Tile<'_>, places_wanted: bool) -> Notes {
+    let mut notes = Notes { places_wanted, ..Notes::default() };
+    for pixel in 0..tile.sums.len() as u32 {
+        if let Some((path, ray)) = frame.begin(tile, pixel) {
+            let radiance = follow(frame, intersector, path, ray, &mut notes);
+            notes.light += if radiance.is_finite() { f64::from(luminance(radiance)) } else { 0.0 };
+        }
+    }
+    notes
+}
+
+/// Learns which lamps light places.
+fn learn_lamps<I: Intersector>(
+    prepared: &Prepared,
+    intersector: &I,
+    view: &View,
+    places: &[Surface],
+) -> Option<LampGuide> {
+    let arrives = |place: &Surface, light: &LightSample| {
+        let LightSample { direction, distance, .. } = *light;
+        let origin = place.start(direction);
+        let ray = Ray { origin, direction, t_min: 0.0, t_max: distance * SHADOW_SHARE };
+        let through = || through_sheets(prepared, intersector, ray, &mut Counts::default()) != Vec3::ZERO;
+        !intersector.occluded(&ray) || (prepared.needs.sheets && through())
+    };
+    prepared.lights.learn_lamps(places, view.camera.position, view.seed, arrives)
 }
 
 fn note(records: &mut Vec<LightRecord>, position: Vec3, ray: &Ray, light: Vec3, kind: Kind) {
@@ -73,13 +118,20 @@ fn note(records: &mut Vec<LightRecord>, position: Vec3, ray: &Ray, light: Vec3, 
     }
 }
 
-/// Follows a path and notes where it found the sky after a bounce.
+/// Where a ray meets a surface.
+fn place(prepared: &Prepared, ray: &Ray, hit: &Hit) -> Option<Surface> {
+    let facet = &prepared.facets[hit.triangle as usize];
+    let standing = WorldFacet::new::<false>(facet, prepared.scene.instance(hit.instance));
+    Surface::new::<false>(&standing, ray, hit)
+}
+
+/// Follows a path and notes where it found light after a bounce, and what it met.
 fn follow<I: Intersector>(
     frame: &Frame,
     intersector: &I,
     mut path: Path,
     mut ray: Ray,
-    records: &mut Vec<LightRecord>,
+    notes: &mut Notes,
 ) -> Vec3 {
     let (prepared, kernel) = (frame.prepared, &frame.kernel);
     let mut radiance = Vec3::ZERO;
@@ -89,16 +141,19 @@ fn follow<I: Intersector>(
             radiance += missed(prepared, &path, &ray);
             if path.pdf > 0.0 {
                 let sky = prepared.lights.environment_seen(ray.direction);
-                note(records, path.from, &ray, path.throughput * sky, Kind::Sky);
+                note(&mut notes.records, path.from, &ray, path.throughput * sky, Kind::Sky);
             }
             return radiance;
         };
+        if notes.places_wanted {
+            notes.places.extend(place(prepared, &ray, &hit));
+        }
         let next =
             (kernel.vertex)(prepared, &frame.tracing, &mut path, &mut ray, &hit, &mut radiance, &mut shadow);
         if next.shadow && !intersector.occluded(&shadow.ray) {
             radiance += shadow.light;
             let kind = if shadow.ray.t_max.is_finite() { Kind::Lamp } else { Kind::Sun };
-            note(records, shadow.ray.origin, &shadow.ray, shadow.light, kind);
+            note(&mut notes.records, shadow.ray.origin, &shadow.ray, shadow.light, kind);
         }
         if !next.goes_on {
             return radiance;

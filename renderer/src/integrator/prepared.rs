@@ -97,7 +97,7 @@ impl Prepared {
 
     /// Takes over the results of pilot frames.
     pub(crate) fn take_over(&mut self, learnt: Learnt) {
-        self.lights.set_guide(learnt.sky.clone());
+        self.lights.set_guides(learnt.sky.clone(), learnt.lamps.clone());
         self.learnt = learnt;
         self.follow_lights();
     }

@@ -12,7 +12,9 @@ use std::sync::Arc;
 
 use glam::{UVec3, Vec3};
 
+use super::lamp_guide::LampGuide;
 use super::sampling::AliasTable;
+use crate::light_sampling::LearningTimes;
 
 /// Directions have equal solid angles: around, and by height.
 const AROUND: usize = 32;
@@ -64,8 +66,12 @@ pub(super) type Shares = [f32; 3];
 pub(crate) struct Learnt {
     /// Where the sky was seen from; nothing where it hardly was.
     pub(super) sky: Option<Arc<SkyGuide>>,
+    /// Which lamps light which places; nothing where there are few.
+    pub(super) lamps: Option<Arc<LampGuide>>,
     /// Mean luminance of the picture; 0 before anything was learnt.
     pub(super) brightness: f32,
+    /// How long it took.
+    pub(crate) times: LearningTimes,
 }
 
 /// Distributions of directions by place.

@@ -75,6 +75,7 @@ pub(super) fn of_light(complete: &Configuration, base: &Choice) -> Choice {
     let (values, default) = (Values(complete), LightSampling::default());
     let light = LightSampling {
         candidates: values.whole("candidates", default.candidates),
+        lamps: values.word("lamps", default.lamps),
         lamp_weight: values.number("lamp_weight", default.lamp_weight),
         sun_share: values.number("sun_share", default.sun_share),
         sky: values.word("sky", default.sky),

@@ -62,6 +62,12 @@ pub(super) fn parameters(premises: &Premises) -> Vec<Explained> {
                 "among how many points on lamps one is chosen by what it would bring",
             ),
             choice(
+                "lamps",
+                ["plain", "learnt"],
+                "plain",
+                "how these points are drawn: by power, or also by which lamps lit the place in a few frames before",
+            ),
+            choice(
                 "lamp_weight",
                 [1.0, 2.0, 4.0, 8.0, 16.0, 64.0],
                 1.0,

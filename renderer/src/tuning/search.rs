@@ -303,10 +303,10 @@ fn run_noisy(
         Err(error) => return (not_built(&error), None),
     };
     let size = [setting.width, setting.height];
-    let measured = renderer.study_view(&setting.view, &choice.render, size).and_then(|learning_ms| {
+    let measured = renderer.study_view(&setting.view, &choice.render, size).and_then(|learning| {
         renderer.set_light_sampling(choice.light);
         let (times, threads) = renderer.noisy_frame(renderer.structure()?, &choice.render)?;
-        let build_ms = ready.build_ms + if choice.light.learns() { learning_ms } else { 0.0 };
+        let build_ms = ready.build_ms + learning.of(&choice.light);
         let times = FrameTimes { build_ms, ..times };
         Some(times.with_threads(renderer.threads(), ready.threads, threads))
     });
