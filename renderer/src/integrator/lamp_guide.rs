@@ -28,6 +28,9 @@ const COVERED_MIN: f32 = 0.9;
 const FINER: f32 = 1.4;
 const REFINEMENTS: u32 = 12;
 
+/// Where the eye is in a grid, in cells: more than a grid of any fineness has to either side.
+const CENTRE: f32 = 1024.0;
+
 /// Places nearer to the eye than this share of the distance of the farthest have cells of one width.
 const NEAREST: f32 = 1e-3;
 
@@ -138,7 +141,9 @@ impl Grid {
         // In this order a distance that is no number becomes the nearest.
         let exponent = offset.length().max(self.nearest).min(1e30).to_bits() >> 23;
         let per_length = f32::from_bits((254 - exponent) << 23) * self.fineness;
-        let [x, y, z] = (offset * per_length).floor().to_array().map(|at| at as i32 as u64 & 0xffff);
+        // Above 0, where cutting off the fraction is rounding down, which would be a call by itself.
+        let cell = offset * per_length + Vec3::splat(CENTRE);
+        let [x, y, z] = cell.to_array().map(|at| at as i32 as u64 & 0xffff);
         x | y << 16 | z << 32 | side(normal) << 48 | u64::from(exponent) << 56
     }
 }
