@@ -79,17 +79,19 @@ pub(crate) fn domains() -> impl Strategy<Value = Domain> {
 
 /// Spaces whose conditions and orders are drawn too; orders that do not hold for the defaults fall.
 pub(crate) fn spaces() -> impl Strategy<Value = Space> {
-    let parameter = (select(NAMES), domains(), 0.0f64..1.0, any::<bool>(), any::<Index>(), 0.0f64..1.0);
+    let switches = any::<[bool; 2]>();
+    let parameter = (select(NAMES), domains(), 0.0f64..1.0, switches, any::<Index>(), 0.0f64..1.0);
     (vec(parameter, 1..9), vec(any::<[Index; 2]>(), 0..6)).prop_map(|(drawn, pairs)| {
         let mut parameters: Vec<Parameter> = Vec::new();
-        for (index, (name, domain, default, is_conditional, other, wanted)) in drawn.into_iter().enumerate() {
+        for (index, drawn) in drawn.into_iter().enumerate() {
+            let (name, domain, default, [is_conditional, setup], other, wanted) = drawn;
             let active_if = (is_conditional && index > 0).then(|| {
                 let other = other.get(&parameters);
                 let any_of = vec![other.domain.decode(wanted), other.default.clone()];
                 Condition { parameter: other.name.clone(), any_of }
             });
             let (name, default) = (format!("{name}{index}"), domain.decode(default));
-            parameters.push(Parameter { name, domain, default, active_if });
+            parameters.push(Parameter { name, domain, default, active_if, setup });
         }
         let name = |index: &Index| index.get(&parameters).name.as_str();
         let orders = pairs.iter().map(|[lesser, greater]| Constraint::order(name(lesser), name(greater)));

@@ -173,6 +173,7 @@ fn study() -> wire::Study {
         domain: Some(domain),
         default_value: Some(default),
         active_if: None,
+        setup: false,
     };
     let log = wire::Scale::Log.into();
     let leaf = || Domain::Integer(wire::IntegerDomain { min: 1, max: 32, scale: log });

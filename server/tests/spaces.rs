@@ -17,6 +17,7 @@ fn whole(name: &str, min: i64, max: i64, default: i64) -> wire::Parameter {
         domain: Some(parameter::Domain::Integer(wire::IntegerDomain { min, max, scale: 0 })),
         default_value: Some(integer(default)),
         active_if: None,
+        setup: false,
     }
 }
 
@@ -320,6 +321,7 @@ async fn what_a_study_remembers_of_its_spaces_is_limited() {
         domain: Some(parameter::Domain::Categorical(wire::CategoricalDomain { values: values.clone() })),
         default_value: Some(values[0].clone()),
         active_if: None,
+        setup: false,
     };
     for revision in 1..=4 {
         let mut large = space();

@@ -21,12 +21,14 @@ async fn a_study_comes_back_as_it_was_created() {
         })),
         default_value: Some(wire::Value { kind: Some(wire::value::Kind::Float(1.0)) }),
         active_if: Some(wire::Condition { parameter: "quality".to_owned(), any_of: vec![text("high")] }),
+        setup: true,
     });
     parameters.push(wire::Parameter {
         name: "compact".to_owned(),
         domain: Some(parameter::Domain::Boolean(wire::BooleanDomain {})),
         default_value: Some(wire::Value { kind: Some(wire::value::Kind::Boolean(true)) }),
         active_if: None,
+        setup: false,
     });
     let request = creation("hall", given.clone());
     let created = client.create_study(request).await.unwrap().into_inner();

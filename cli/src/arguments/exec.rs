@@ -41,6 +41,10 @@ pub(crate) struct Exec {
     /// :log to numbers for a logarithmic scale, and /STEP to HIGH for steps
     #[arg(long, value_name = "NAME=VALUES:DEFAULT", value_parser = ParameterEntry::inline)]
     pub(crate) tune: Vec<ParameterEntry>,
+    /// Parameters of a new study whose change needs a set-up, such as a compilation; the search then keeps
+    /// what is set up for a few runs
+    #[arg(long, value_name = "NAME,…", value_delimiter = ',', requires = "tune")]
+    pub(crate) setup: Vec<String>,
     /// What every configuration of a new study fulfils, e.g. 'block_x * block_y <= 1024'; may be repeated
     #[arg(long = "constraint", value_name = "EXPRESSION", requires = "tune")]
     pub(crate) constraints: Vec<String>,
@@ -136,7 +140,12 @@ impl Exec {
         };
         let objective = vec![TermEntry { metric, weight: 1.0, maximise: self.maximise.is_some() }];
         let constraints = self.constraints.iter().cloned().map(ConstraintEntry::Expression).collect();
-        let parameters = self.tune.clone();
+        let mut parameters = self.tune.clone();
+        for name in &self.setup {
+            let named = parameters.iter_mut().find(|entry| entry.name == *name);
+            let unknown = || Failure::Usage(format!("--setup {name}: there is no --tune {name}=…"));
+            named.ok_or_else(unknown)?.setup = true;
+        }
         let (limits, fidelities) = (self.limits.clone(), self.fidelities.clone());
         let file =
             StudyFile { parameters, constraints, objective, limits, fidelities, ..StudyFile::default() };

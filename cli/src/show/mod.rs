@@ -145,6 +145,10 @@ fn specification(spec: &StudySpec) -> String {
         ]);
     }
     line(&mut text, &parameters.trim_fmt());
+    let setup: Vec<&str> = spec.space.setup_parameters().map(|parameter| parameter.name.as_str()).collect();
+    if !setup.is_empty() {
+        line(&mut text, &format!("a change of {} needs a set-up", setup.join(", ")));
+    }
     for constraint in spec.space.constraints() {
         line(&mut text, &format!("always {constraint}"));
     }

@@ -37,7 +37,8 @@ pub(crate) fn differences(from: &Space, to: &Space, fixed: &Configuration) -> Ve
 
 fn described(parameter: &Parameter) -> String {
     let condition = parameter.active_if.as_ref().map(|condition| format!(", only if {condition}"));
-    format!("{}, default {}{}", parameter.domain, parameter.default, condition.unwrap_or_default())
+    let setup = if parameter.setup { ", needs a set-up" } else { "" };
+    format!("{}, default {}{}{setup}", parameter.domain, parameter.default, condition.unwrap_or_default())
 }
 
 /// What a change does, or would do.

@@ -80,6 +80,7 @@ impl ParameterEntry {
             values: Vec::new(),
             default: plain(default),
             active_if: None,
+            setup: false,
         };
         if let Some((low, high)) = domain.split_once("..") {
             let (high, step) = high.split_once('/').map_or((high, None), |(high, step)| (high, Some(step)));

@@ -112,7 +112,7 @@ impl Seed {
 #[serde(deny_unknown_fields)]
 pub(crate) struct ParameterEntry {
     /// 1 to 64 letters and digits of any script, `_`, `-` and `.`, beginning with a letter or `_`.
-    name: String,
+    pub(crate) name: String,
     /// What kind of value it has.
     #[serde(rename = "type")]
     kind: Kind,
@@ -137,6 +137,9 @@ pub(crate) struct ParameterEntry {
     /// The parameter exists only while this holds.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     active_if: Option<ConditionEntry>,
+    /// A change of it needs a set-up, such as a build; that of all others only a run.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub(crate) setup: bool,
 }
 
 /// The kinds of parameters.
@@ -445,8 +448,9 @@ impl ParameterEntry {
             parameter: condition.parameter.clone(),
             any_of: condition.any_of.iter().map(Plain::from).collect(),
         });
-        let default = Plain::from(&parameter.default);
-        Self { name: parameter.name.clone(), kind, min, max, step: None, scale, values, default, active_if }
+        let (name, default) = (parameter.name.clone(), Plain::from(&parameter.default));
+        let (step, setup) = (None, parameter.setup);
+        Self { name, kind, min, max, step, scale, values, default, active_if, setup }
     }
 
     /// Whether its values are floats, so that whole numbers stand for floats.
@@ -470,6 +474,7 @@ impl ParameterEntry {
             domain: self.domain(floats)?,
             default: self.default.value(floats),
             active_if: self.active_if.as_ref().map(condition),
+            setup: self.setup,
         })
     }
 

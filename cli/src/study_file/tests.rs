@@ -31,6 +31,7 @@ type = "integer"
 min = 1
 max = 19
 default = 3
+setup = true
 
 [[parameters]]
 name = "strategy"
@@ -91,6 +92,7 @@ fn a_file_is_read_as_people_write_it() {
     let file = read(FILE);
     let spec = file.spec().expect("a specification");
     assert_eq!(spec.space.parameters()[2].default, Value::Float(2.0), "whole numbers stand for floats");
+    assert_eq!(spec.space.setup_parameters().map(|one| one.name.as_str()).collect::<Vec<_>>(), ["level"]);
     assert_eq!(spec.objective.terms()[0].weight, 1.0);
     assert_eq!((spec.objective.maximised()[0].as_str(), spec.objective.maximised().len()), ("rate", 1));
     let sizes = Domain::Categorical { values: [16, 32, 64, 128].map(Value::Integer).to_vec() };

@@ -96,7 +96,7 @@ impl Spec {
     }
 
     fn parameter(&mut self, name: &str, domain: Domain, default: Value) {
-        self.parameters.push(Parameter { name: name.to_owned(), domain, default, active_if: None });
+        self.parameters.push(Parameter::new(name, domain, default));
     }
 
     /// A parameter whose values are a list of numbers of one kind.

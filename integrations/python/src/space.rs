@@ -51,9 +51,10 @@ impl Space {
         domain: Domain,
         default: Value,
         active_if: Option<Bound<'py, PyTuple>>,
+        setup: bool,
     ) -> PyResult<PyRef<'py, Self>> {
         let active_if = condition(active_if)?;
-        this.with(|parts| parts.parameters.push(Parameter { name, domain, default, active_if }));
+        this.with(|parts| parts.parameters.push(Parameter { name, domain, default, active_if, setup }));
         Ok(this)
     }
 
@@ -88,8 +89,9 @@ impl Space {
     }
 
     /// A whole number of a range with both ends; `default` is the value used so far. With `step` only values
-    /// that are so far apart, from the smallest on.
-    #[pyo3(signature = (name, min, max, *, default, log=false, active_if=None, step=None))]
+    /// that are so far apart, from the smallest on. With `setup` a change of it needs a build, a compilation
+    /// or the like; that of other parameters only a run.
+    #[pyo3(signature = (name, min, max, *, default, log=false, active_if=None, step=None, setup=false))]
     #[allow(clippy::too_many_arguments)] // most are keywords of Python
     fn integer<'py>(
         this: PyRef<'py, Self>,
@@ -100,6 +102,7 @@ impl Space {
         log: bool,
         active_if: Option<Bound<'py, PyTuple>>,
         step: Option<i64>,
+        setup: bool,
     ) -> PyResult<PyRef<'py, Self>> {
         if let Some(step) = step {
             this.with(|parts| parts.constraints.push(Given::Whole(Constraint::step(&name, min, step))));
@@ -110,11 +113,13 @@ impl Space {
             Domain::Integer { min, max, scale: scale(log) },
             Value::Integer(default),
             active_if,
+            setup,
         )
     }
 
     /// A number of a range with both ends.
-    #[pyo3(signature = (name, min, max, *, default, log=false, active_if=None))]
+    #[pyo3(signature = (name, min, max, *, default, log=false, active_if=None, setup=false))]
+    #[allow(clippy::too_many_arguments)] // most are keywords of Python
     fn float<'py>(
         this: PyRef<'py, Self>,
         name: String,
@@ -123,33 +128,37 @@ impl Space {
         default: f64,
         log: bool,
         active_if: Option<Bound<'py, PyTuple>>,
+        setup: bool,
     ) -> PyResult<PyRef<'py, Self>> {
-        Self::add(this, name, Domain::Float { min, max, scale: scale(log) }, Value::Float(default), active_if)
+        let domain = Domain::Float { min, max, scale: scale(log) };
+        Self::add(this, name, domain, Value::Float(default), active_if, setup)
     }
 
     /// True or false.
-    #[pyo3(signature = (name, *, default, active_if=None))]
+    #[pyo3(signature = (name, *, default, active_if=None, setup=false))]
     fn boolean<'py>(
         this: PyRef<'py, Self>,
         name: String,
         default: bool,
         active_if: Option<Bound<'py, PyTuple>>,
+        setup: bool,
     ) -> PyResult<PyRef<'py, Self>> {
-        Self::add(this, name, Domain::Boolean, Value::Boolean(default), active_if)
+        Self::add(this, name, Domain::Boolean, Value::Boolean(default), active_if, setup)
     }
 
     /// One of up to 64 words, which have no order, or numbers, which are searched in their order.
-    #[pyo3(signature = (name, values, *, default, active_if=None))]
+    #[pyo3(signature = (name, values, *, default, active_if=None, setup=false))]
     fn choice<'py>(
         this: PyRef<'py, Self>,
         name: String,
         values: Vec<Bound<'py, PyAny>>,
         default: Bound<'py, PyAny>,
         active_if: Option<Bound<'py, PyTuple>>,
+        setup: bool,
     ) -> PyResult<PyRef<'py, Self>> {
         let values = values.iter().map(value_of).collect::<PyResult<_>>()?;
         let default = value_of(&default)?;
-        Self::add(this, name, Domain::Categorical { values }, default, active_if)
+        Self::add(this, name, Domain::Categorical { values }, default, active_if, setup)
     }
 
     /// Every configuration has lesser <= greater.

@@ -50,10 +50,12 @@ impl Serialize for Plain<'_, Parameter> {
             domain: Plain<'a, Domain>,
             default: Plain<'a, Value>,
             active_if: Option<Plain<'a, Condition>>,
+            #[serde(skip_serializing_if = "std::ops::Not::not")]
+            setup: bool,
         }
-        let Parameter { name, domain, default, active_if } = self.0;
-        let active_if = active_if.as_ref().map(Plain);
-        Shown { name, domain: Plain(domain), default: Plain(default), active_if }.serialize(serializer)
+        let Parameter { name, domain, default, active_if, setup } = self.0;
+        let (active_if, setup) = (active_if.as_ref().map(Plain), *setup);
+        Shown { name, domain: Plain(domain), default: Plain(default), active_if, setup }.serialize(serializer)
     }
 }
 

@@ -47,6 +47,7 @@ struct Draft {
     domain: Domain,
     default: Option<Value>,
     active_if: Option<Condition>,
+    setup: bool,
 }
 
 impl Default for SpaceBuilder {
@@ -95,8 +96,8 @@ impl<Last> SpaceBuilder<Last> {
     /// A parameter given as a value, e.g. from a list. It is checked like any other.
     #[must_use]
     pub fn with_parameter(mut self, parameter: Parameter) -> SpaceBuilder {
-        let Parameter { name, domain, default, active_if } = parameter;
-        self.parameters.push(Draft { name, domain, default: Some(default), active_if });
+        let Parameter { name, domain, default, active_if, setup } = parameter;
+        self.parameters.push(Draft { name, domain, default: Some(default), active_if, setup });
         self.turn()
     }
 
@@ -129,8 +130,8 @@ impl<Last> SpaceBuilder<Last> {
     pub fn build(self) -> Result<Space, SpaceError> {
         let finish = |draft: Draft| match draft.default {
             Some(default) => {
-                let Draft { name, domain, active_if, .. } = draft;
-                Ok(Parameter { name, domain, default, active_if })
+                let Draft { name, domain, active_if, setup, .. } = draft;
+                Ok(Parameter { name, domain, default, active_if, setup })
             }
             None => Err(SpaceError::NoDefault(draft.name)),
         };
@@ -139,7 +140,8 @@ impl<Last> SpaceBuilder<Last> {
     }
 
     fn parameter<Next>(mut self, name: &str, domain: Domain) -> SpaceBuilder<Next> {
-        self.parameters.push(Draft { name: name.to_owned(), domain, default: None, active_if: None });
+        let name = name.to_owned();
+        self.parameters.push(Draft { name, domain, default: None, active_if: None, setup: false });
         self.turn()
     }
 
@@ -174,6 +176,13 @@ macro_rules! of_a_parameter {
                 let any_of = any_of.into_iter().map(Into::into).collect();
                 let condition = Condition { parameter: parameter.to_owned(), any_of };
                 self.change_last(|last| last.active_if = Some(condition))
+            }
+
+            /// A change of it needs a set-up, such as a build; that of all others only a run. The search
+            /// keeps what is set up for a few trials.
+            #[must_use]
+            pub fn setup(self) -> Self {
+                self.change_last(|last| last.setup = true)
             }
         }
     };
@@ -230,8 +239,15 @@ mod tests {
             .integer("depth", 1..=9)
             .default(3)
             .active_if("deep", [true])
+            .setup()
             .build()
             .expect("a space");
+        let part = |given: &[(&str, Value)]| {
+            let given = given.iter().map(|(name, value)| ((*name).to_owned(), value.clone())).collect();
+            written.setup_part(&given).into_keys().collect::<Vec<_>>()
+        };
+        assert_eq!(part(&[("deep", Value::from(true)), ("depth", Value::from(3i64))]), ["depth"]);
+        assert!(part(&[("deep", Value::from(false))]).is_empty(), "it is not active");
         let listed = written
             .parameters()
             .iter()

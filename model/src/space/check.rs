@@ -154,6 +154,7 @@ fn canonical(parameter: Parameter) -> Parameter {
         active_if: parameter
             .active_if
             .map(|condition| Condition { parameter: condition.parameter, any_of: all(condition.any_of) }),
+        setup: parameter.setup,
     }
 }
 

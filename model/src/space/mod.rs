@@ -38,7 +38,7 @@ pub use builder::{BooleanParameter, CategoricalParameter, FloatParameter, Intege
 pub use constraint::{Constraint, ConstraintError};
 pub use revisions::{EarlierSpace, EarlierSpaces};
 
-use crate::configuration::Configuration;
+use crate::configuration::{Configuration, RawConfiguration};
 use crate::names::PARAMETER_NAME_RULE;
 use crate::space::constraint::{Extent, Node};
 use crate::space::group::Group;
@@ -107,12 +107,16 @@ pub struct Parameter {
     pub default: Value,
     /// The parameter exists only while this holds.
     pub active_if: Option<Condition>,
+    /// A change of it needs a set-up, such as a build, a compilation or an import; that of all others only a
+    /// run.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub setup: bool,
 }
 
 impl Parameter {
-    /// A parameter that is always active.
+    /// A parameter that is always active, and needs no set-up.
     pub fn new(name: impl Into<String>, domain: Domain, default: impl Into<Value>) -> Self {
-        Self { name: name.into(), domain, default: default.into(), active_if: None }
+        Self { name: name.into(), domain, default: default.into(), active_if: None, setup: false }
     }
 }
 
@@ -313,6 +317,17 @@ impl Space {
     /// A parameter.
     pub fn parameter(&self, name: &str) -> Option<&Parameter> {
         self.parameters.iter().find(|parameter| parameter.name == name)
+    }
+
+    /// The parameters whose changes need a set-up, in order.
+    pub fn setup_parameters(&self) -> impl Iterator<Item = &Parameter> {
+        self.parameters.iter().filter(|parameter| parameter.setup)
+    }
+
+    /// The part of a configuration whose changes need a set-up. Inactive parameters are not in it.
+    pub fn setup_part(&self, values: &RawConfiguration) -> RawConfiguration {
+        let part = self.setup_parameters().filter_map(|parameter| values.get_key_value(&parameter.name));
+        part.map(|(name, value)| (name.clone(), value.clone())).collect()
     }
 
     /// The number of coordinates of a point: one per parameter, active or not.

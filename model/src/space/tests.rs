@@ -5,7 +5,6 @@ use std::collections::BTreeMap;
 use proptest::prelude::*;
 
 use super::*;
-use crate::configuration::RawConfiguration;
 use crate::testing::{cases, domains, spaces};
 
 fn plain(name: &str, domain: Domain, default: Value) -> Parameter {

@@ -77,6 +77,7 @@ fn parameter_to_wire(parameter: &Parameter) -> v1::Parameter {
             parameter: condition.parameter.clone(),
             any_of: condition.any_of.iter().map(value_to_wire).collect(),
         }),
+        setup: parameter.setup,
     }
 }
 
@@ -111,6 +112,7 @@ fn parameter_from_wire(field: &str, wire: v1::Parameter) -> Result<Parameter, Ma
         domain,
         default: value_from_wire(&default_field, default)?,
         active_if: wire.active_if.map(condition).transpose()?,
+        setup: wire.setup,
     })
 }
 

@@ -99,6 +99,10 @@ pub struct Parameter {
     /// the search. OPTIONAL. It may only name a parameter that is listed earlier.
     #[prost(message, optional, tag = "7")]
     pub active_if: ::core::option::Option<Condition>,
+    /// A change of it needs a set-up, such as a build, a compilation or an import; that of all others only a run. OPTIONAL.
+    /// While one client explores a state of a study that has both kinds, the search keeps what is set up for a few trials.
+    #[prost(bool, tag = "8")]
+    pub setup: bool,
     /// REQUIRED.
     #[prost(oneof = "parameter::Domain", tags = "2, 3, 4, 5")]
     pub domain: ::core::option::Option<parameter::Domain>,

@@ -70,6 +70,5 @@ pub(super) fn choice<V: Into<Value>>(
 }
 
 fn explained(name: &str, domain: Domain, default: impl Into<Value>, about: &'static str) -> Explained {
-    let parameter = Parameter { name: name.to_owned(), domain, default: default.into(), active_if: None };
-    Explained { parameter, about }
+    Explained { parameter: Parameter::new(name, domain, default), about }
 }

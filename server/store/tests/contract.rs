@@ -333,8 +333,7 @@ async fn a_changed_space_keeps_trials_as_they_ran(store: &dyn Store) {
     store.save_checkpoint(&held, &Checkpoint { completion: 1, bytes: vec![7; 9] }).await.unwrap();
     // All trials had `compact` switched on, which goes, and none had `wide`.
     let (before, none) = (spec(), RawConfiguration::new());
-    let off = Value::Boolean(false);
-    let wide = Parameter { name: "wide".into(), domain: Domain::Boolean, default: off, active_if: None };
+    let wide = Parameter::new("wide", Domain::Boolean, false);
     let parameters = before.space.parameters().iter().filter(|one| one.name != "compact").cloned();
     let space = Space::new(parameters.chain([wide]).collect(), Vec::new()).unwrap();
     let changed = StudySpec { space, ..before.clone() };

@@ -175,6 +175,7 @@ fn integer_parameter(name: &str, max: i64, default: i64) -> wire::Parameter {
         domain: Some(parameter::Domain::Integer(wire::IntegerDomain { min: 1, max, scale: 0 })),
         default_value: Some(integer(default)),
         active_if: None,
+        setup: false,
     }
 }
 
@@ -193,6 +194,7 @@ pub(crate) fn study() -> wire::Study {
                     })),
                     default_value: Some(text("low")),
                     active_if: None,
+                    setup: false,
                 },
             ],
             constraints: vec![wire::Constraint {

@@ -6,7 +6,7 @@ use treewright_proto::v1::{self as wire, parameter, value};
 
 fn parameter(name: &str, domain: parameter::Domain, default: value::Kind) -> wire::Parameter {
     let default_value = Some(wire::Value { kind: Some(default) });
-    wire::Parameter { name: name.into(), domain: Some(domain), default_value, active_if: None }
+    wire::Parameter { name: name.into(), domain: Some(domain), default_value, active_if: None, setup: false }
 }
 
 /// The study.

@@ -43,12 +43,24 @@ class Space:
         log: bool = False,
         active_if: Optional[Condition] = None,
         step: Optional[int] = None,
-    ) -> Space: ...
+        setup: bool = False,
+    ) -> Space:
+        """With setup a change of it needs a build, a compilation or the like; that of other parameters only a run."""
     def float(
-        self, name: str, min: float, max: float, *, default: float, log: bool = False, active_if: Optional[Condition] = None
+        self,
+        name: str,
+        min: float,
+        max: float,
+        *,
+        default: float,
+        log: bool = False,
+        active_if: Optional[Condition] = None,
+        setup: bool = False,
     ) -> Space: ...
-    def boolean(self, name: str, *, default: bool, active_if: Optional[Condition] = None) -> Space: ...
-    def choice(self, name: str, values: Sequence[Value], *, default: Value, active_if: Optional[Condition] = None) -> Space:
+    def boolean(self, name: str, *, default: bool, active_if: Optional[Condition] = None, setup: bool = False) -> Space: ...
+    def choice(
+        self, name: str, values: Sequence[Value], *, default: Value, active_if: Optional[Condition] = None, setup: bool = False
+    ) -> Space:
         """One of up to 64 words, which have no order, or numbers, which are searched in their order."""
     def less_or_equal(self, lesser: str, greater: str) -> Space: ...
     def constraint(self, expression: str) -> Space: ...

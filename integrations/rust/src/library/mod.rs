@@ -48,8 +48,7 @@ pub(crate) fn space(libraries: &[Library]) -> Result<Space, SpaceError> {
     let names: Vec<Value> = libraries.iter().map(|library| library.name().into()).collect();
     let default = names.first().cloned().unwrap_or_else(|| "".into());
     let domain = Domain::Categorical { values: names };
-    let which = Parameter { name: "library".into(), domain, default, active_if: None };
-    let mut joined = Space::builder().with_parameter(which);
+    let mut joined = Space::builder().with_parameter(Parameter::new("library", domain, default));
     for library in libraries {
         let own = match library {
             Library::Obvhs => obvhs::space()?,
