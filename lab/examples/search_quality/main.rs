@@ -3,8 +3,12 @@
 //! `cargo run --release -p treewright-lab --example search_quality -- SUITE SEEDS METHOD...` with the suites
 //! trees, grids, effects, kernels and unseen (on which nothing is tuned). Scores are means over the problems
 //! of a suite after 20, 40 and 80 trials, then of each problem: shares of the optimum, of the configuration
-//! that measured best. More is better. Beside them stand the share of the 80 trials whose true cost is above
-//! 1.1 times the default's, and the dearest one over the default.
+//! that measured best. More is better. Beside them stand the share of the trials whose true cost is above 1.1
+//! times the default's, the dearest one over the default, and the number of trials.
+//!
+//! The method `setups:N` is the model search where a change of the first half of the parameters needs a
+//! set-up, and up to N further points keep a new one. A run costs 1 there and a new set-up 10 more; the
+//! scores are those after costs of 220, 440 and 880, which pay for 20, 40 and 80 trials with new set-ups.
 
 mod grids;
 mod kernels;
@@ -19,6 +23,7 @@ use problem::Problem;
 use run::Played;
 
 const MARKS: [usize; 3] = [20, 40, 80];
+const COSTS: [usize; 3] = [220, 440, 880];
 
 fn search(name: &str) -> SearchMethod {
     SearchMethod::from_word(name).unwrap_or_else(|| panic!("{name} is no search"))
@@ -56,20 +61,27 @@ fn main() {
     let mut rows: Vec<(String, Vec<Played>)> = Vec::new();
     for seed in 0..seeds {
         for (problem_name, problem) in suite(suite_name, seed) {
-            let played = names.iter().map(|name| problem.run(search(name), seed, &MARKS)).collect();
-            rows.push((problem_name, played));
+            let play = |name: &String| match name.strip_prefix("setups:") {
+                Some(held) => problem.run_setups(held.parse().expect("a number of points"), seed, &COSTS),
+                None => problem.run(search(name), seed, &MARKS),
+            };
+            rows.push((problem_name, names.iter().map(play).collect()));
         }
     }
     let mut problems: Vec<&str> = rows.iter().map(|row| row.0.as_str()).collect();
     problems.sort_unstable();
     problems.dedup();
-    println!("{suite_name}, {seeds} seeds, {} problems; scores at 20, 40, 80; dear, worst", problems.len());
+    println!(
+        "{suite_name}, {seeds} seeds, {} problems; scores at 20, 40, 80; dear, worst, trials",
+        problems.len()
+    );
     let print = |title: &str, index: usize, of: &str| {
         let own = || rows.iter().filter(move |row| of.is_empty() || row.0 == of);
         let at = |mark: usize| mean(own().map(|row| row.1[index].scores[mark]));
         let dear = mean(own().map(|row| row.1[index].dear));
         let worst = mean(own().map(|row| row.1[index].worst));
-        println!("{title:18}{:7.3}{:7.3}{:7.3}{dear:9.3}{worst:7.2}", at(0), at(1), at(2));
+        let trials = mean(own().map(|row| row.1[index].trials as f64));
+        println!("{title:18}{:7.3}{:7.3}{:7.3}{dear:9.3}{worst:7.2}{trials:7.0}", at(0), at(1), at(2));
     };
     for (index, name) in names.iter().enumerate() {
         print(name, index, "");

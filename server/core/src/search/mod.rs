@@ -190,6 +190,13 @@ pub trait Search {
     fn adopt(&mut self, _plan: PlannedPoint) {}
 }
 
+/// After a point with a new set-up, at most so many further ones keep it, where a client searches alone.
+pub const SETUP_HELD: usize = 2;
+
+fn setup_held() -> usize {
+    SETUP_HELD
+}
+
 /// The inputs of a new search.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SearchSetup {
@@ -204,13 +211,16 @@ pub struct SearchSetup {
     /// The meaning of each axis.
     #[serde(default)]
     pub layout: Layout,
+    /// [`SETUP_HELD`]; another number only in measurements of it. It is not stored.
+    #[serde(skip, default = "setup_held")]
+    pub setup_held: usize,
 }
 
 impl SearchSetup {
     /// The setup of a search of a space.
     pub fn of(space: &Space, seed: u64, state_id: u64, budget: u32) -> Self {
         let (start, layout) = (space.encode(space.default_ref()), Layout::of(space));
-        SearchSetup { seed, state_id, start, budget, layout }
+        SearchSetup { seed, state_id, start, budget, layout, setup_held: SETUP_HELD }
     }
 
     fn dimension(&self) -> usize {
@@ -221,7 +231,7 @@ impl SearchSetup {
     #[cfg(test)]
     fn plain(seed: u64, start: Vec<f64>, budget: u32, levels: Vec<u32>) -> Self {
         let layout = Layout::plain(start.clone(), &levels);
-        SearchSetup { seed, state_id: 1, start, budget, layout }
+        SearchSetup { seed, state_id: 1, start, budget, layout, setup_held: SETUP_HELD }
     }
 }
 

@@ -63,6 +63,9 @@ pub struct Layout {
     /// where a point was measured there.
     #[serde(default, skip_serializing_if = "is_default")]
     pub(super) cheaper: usize,
+    /// The axes whose changes need a set-up, where those of others only need a run. They are not stored.
+    #[serde(skip)]
+    pub(super) setup: Vec<usize>,
 }
 
 /// Most cells that are counted; finer axes pass for continuous.
@@ -95,6 +98,7 @@ impl Layout {
             space: None,
             main_effects: None,
             cheaper: 0,
+            setup: Vec::new(),
         };
         let comes_after =
             |(index, axis): (usize, &LayoutAxis)| axis.gate.as_ref().is_none_or(|gate| gate.parent < index);
@@ -107,6 +111,9 @@ impl Layout {
     /// Names the space again, for a layout that was stored.
     pub(super) fn set_space(&mut self, space: &Space) {
         self.space = space.has_expressions().then(|| Arc::new(space.clone()));
+        let needs = space.parameters().iter().enumerate().filter(|(_, parameter)| parameter.setup);
+        let needs: Vec<usize> = needs.map(|(axis, _)| axis).collect();
+        self.setup = if needs.len() < space.dimension() { needs } else { Vec::new() };
     }
 
     /// Axes that count as numbers in 0..1 or, where `levels` is not 0, as choices between so many values of
@@ -127,6 +134,7 @@ impl Layout {
             space: None,
             main_effects: None,
             cheaper: 0,
+            setup: Vec::new(),
         }
     }
 

@@ -3,6 +3,7 @@
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
+use super::GRID;
 use crate::gp::acquisition::{log_expected_improvement, probability_below};
 use crate::gp::local_search::{AxisSweeps, Leaders, Neighbourhood, Radii, ScoredPoint, best, climb};
 use crate::gp::{Covariances, Posterior, Process};
@@ -87,10 +88,22 @@ impl Acquisition<'_> {
         })
     }
 
-    /// The best point to measure that is not `taken`.
+    /// The best point to measure that is not `taken`, with axes `held` at coordinates where there is one.
     pub(super) fn best(
         &self,
         known: &[EstimatedPoint],
+        held: &[(usize, f64)],
+        random: &mut ChaCha8Rng,
+        taken: impl Fn(&[f64]) -> bool,
+    ) -> Option<Vec<f64>> {
+        let kept = if held.is_empty() { None } else { self.best_at(known, held, random, &taken) };
+        kept.or_else(|| self.best_at(known, &[], random, &taken))
+    }
+
+    fn best_at(
+        &self,
+        known: &[EstimatedPoint],
+        held: &[(usize, f64)],
         random: &mut ChaCha8Rng,
         taken: impl Fn(&[f64]) -> bool,
     ) -> Option<Vec<f64>> {
@@ -101,8 +114,11 @@ impl Acquisition<'_> {
         let least = if least.is_finite() { least } else { 0.0 };
         let dimension = self.dimension;
         let judge = |mut x: Vec<f64>, floor: f64| {
+            held.iter().for_each(|&(axis, at)| x[axis] = at);
             let active = self.layout.canonical(&mut x);
-            let score = self.value(&x, &active, least, floor);
+            // A constraint or a condition may have moved what is held.
+            let holds = held.iter().all(|&(axis, at)| (x[axis] - at).abs() < 1.0 / GRID);
+            let score = if holds { self.value(&x, &active, least, floor) } else { f64::NEG_INFINITY };
             ScoredPoint { x, score, detail: () }
         };
         let mut leaders = Leaders::new(CLIMBERS);

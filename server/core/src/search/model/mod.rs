@@ -31,6 +31,8 @@
 //! - *Scale.* Costs are seen through a logarithm whose origin is chosen by likelihood (see `gp::warping`).
 //! - *Cheaper levels.* Measurements there are inputs of the model of cost, and points may be measured there
 //!   first (see `cheaper`).
+//! - *Set-ups.* After a point with a new set-up a client that is alone measures some more that keep it (see
+//!   `held`).
 //! - *Several clients.* Pending points count as measured at their expected cost (the "kriging believer" of
 //!   Ginsbourger, Le Riche and Carraro, 2010), and nearly without noise. With the noise of a measurement
 //!   their surroundings would stay attractive, and several clients would measure almost the same point.
@@ -42,6 +44,7 @@ mod cheaper;
 mod cost;
 mod doubt;
 mod failure;
+mod held;
 mod local;
 mod observed;
 
@@ -287,8 +290,11 @@ impl ModelSearch {
         let mut known = cost::known(&measured, fit.as_ref().map(|fit| &fit.process));
         // Every other point comes from a closer look around the best or, on grids, from a model with a trend.
         let is_other = self.pending.added().is_multiple_of(2);
+        let held = self.held();
         let near = match &fit {
-            Some(fit) if is_other => Near::of(&self.setup.layout, &measured, &known, &fit.process),
+            Some(fit) if is_other && held.is_empty() => {
+                Near::of(&self.setup.layout, &measured, &known, &fit.process)
+            }
             _ => None,
         };
         if is_other
@@ -320,7 +326,7 @@ impl ModelSearch {
         });
         let (x, step) = match near {
             Some(x) => (x, Step::Local),
-            None => (acquisition.best(&known, &mut random, taken)?, Step::Model),
+            None => (acquisition.best(&known, &held, &mut random, taken)?, Step::Model),
         };
         let level = cost.map_or_else(|| self.design_level(), |cost| self.level_for(&x, cost, &known));
         Some((x, step, level))
