@@ -24,6 +24,7 @@
 //! | `frame_set`, `episode` | trials of several frames, within the program and over its loop |
 //! | `front`, `front_loop`, `stored_front` | several metrics of which none is given up for another |
 //! | `answer`, `memory`, `stream` | answers within a deadline, and fallbacks without one |
+//! | `prepared` | what the last trial has set up |
 
 mod answer;
 #[cfg(feature = "arguments")]
@@ -56,6 +57,7 @@ mod outbox;
 mod pages;
 mod paired;
 mod prefetching;
+mod prepared;
 mod records;
 mod shared;
 mod slot;

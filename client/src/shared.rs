@@ -105,14 +105,14 @@ impl Shared {
     /// Hands a suggestion to the program.
     pub(crate) fn deliver(&self, suggestion: Suggestion) -> Suggestion {
         self.context.core.counters.suggestions.add(1);
-        suggestion
+        suggestion.handed_out()
     }
 
     /// Answers without the daemon.
     pub(crate) fn fall_back(self: &Arc<Self>, indicators: &Indicators, problem: SharedError) -> Suggestion {
         self.context.core.counters.fallbacks.add(1);
         self.context.core.counters.note(&problem);
-        Suggestion::fallback(Arc::clone(&self.context), indicators, problem)
+        Suggestion::fallback(Arc::clone(&self.context), indicators, problem).handed_out()
     }
 
     /// The worker that asks for a trial: the one that hands in the previous result, or a free one.

@@ -6,6 +6,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use crate::core::Core;
 use crate::memory::RememberedConfigurations;
+use crate::prepared::SetUps;
 use crate::{Configuration, Indicators, Measurements, Outcome, StudyRecord, StudySpec};
 
 #[derive(Debug)]
@@ -19,14 +20,15 @@ pub(crate) struct StudyContext {
     /// The revision of the space of `spec`; 0 until the daemon has sent it.
     revision: AtomicU32,
     memory: Mutex<RememberedConfigurations>,
+    pub(crate) set_ups: Arc<SetUps>,
 }
 
 impl StudyContext {
     pub(crate) fn new(core: &Arc<Core>, name: &str, spec: StudySpec) -> Self {
         let name: Arc<str> = Arc::from(name);
         let identified = Mutex::new(Arc::clone(&name));
-        let (revision, memory) = <_>::default();
-        Self { core: Arc::clone(core), name, identified, spec, revision, memory }
+        let (revision, memory, set_ups) = <_>::default();
+        Self { core: Arc::clone(core), name, identified, spec, revision, memory, set_ups }
     }
 
     /// The same study for another client. A lock that another thread held when the process was forked stays

@@ -6,6 +6,7 @@ use std::time::SystemTime;
 use crate::delivery::report_request;
 use crate::episode::Episode;
 use crate::outbox::{Message, OutboxItem};
+use crate::prepared::SetUpClaim;
 use crate::study_context::StudyContext;
 use crate::workers::Worker;
 use crate::{
@@ -49,6 +50,8 @@ pub struct Suggestion {
     fidelity: Option<String>,
     /// Of a frame loop whose trials have several frames.
     episode: Option<Box<Episode>>,
+    /// From when the program gets it.
+    set_up: Option<SetUpClaim>,
 }
 
 impl Suggestion {
@@ -67,6 +70,7 @@ impl Suggestion {
             abort_above: trial.abort_above,
             fidelity: trial.fidelity,
             episode: None,
+            set_up: None,
         }
     }
 
@@ -98,7 +102,15 @@ impl Suggestion {
             abort_above: None,
             fidelity: None,
             episode: None,
+            set_up: None,
         }
+    }
+
+    /// On its way to the program.
+    pub(crate) fn handed_out(mut self) -> Self {
+        let part = self.study.spec.space.setup_part(self.configuration.as_raw());
+        self.set_up = Some(SetUpClaim::new(&self.study.set_ups, (part, self.fidelity.clone())));
+        self
     }
 
     pub(crate) fn first_frame(mut self, indicators: &Indicators) -> Self {
@@ -183,6 +195,19 @@ impl Suggestion {
         self.fidelity.as_deref()
     }
 
+    /// Whether what the program set up for the suggestion before serves this one: that was measured to its
+    /// end, at the same level, with the same values of all parameters that need a set-up
+    /// ([`crate::Parameter::setup`]). Where it is true only the run is left to do, unless the program's input
+    /// has changed; of a trial of several frames it is true from the second on.
+    ///
+    /// False for the first suggestion, also where no parameter needs a set-up; after one that was given back,
+    /// aborted, infeasible or failed; and for all once a process has run trials of the study side by side. A
+    /// program that keeps several set-ups compares [`crate::Space::setup_part`] itself.
+    #[must_use]
+    pub fn is_prepared(&self) -> bool {
+        self.set_up.as_ref().is_some_and(|set_up| set_up.is_prepared)
+    }
+
     /// The reason of the answer.
     #[must_use]
     pub fn reason(&self) -> &Reason {
@@ -230,6 +255,7 @@ impl Suggestion {
                     }
                     None => {
                         self.episode = Some(episode);
+                        self.set_up.iter_mut().for_each(|set_up| set_up.is_prepared = true);
                         return Ok(Finished::unfinished(self));
                     }
                 }
@@ -239,6 +265,9 @@ impl Suggestion {
         if is_full && self.source != Source::Default {
             let is_answer = self.is_answer();
             self.study.learn(&self.indicators, &self.configuration, is_answer, &outcome, &measurements);
+        }
+        if let Some(set_up) = self.set_up.take().filter(|_| matches!(outcome, Outcome::Ok)) {
+            set_up.done();
         }
         let lease = self.lease.take();
         match &lease {

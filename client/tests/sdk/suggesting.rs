@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use tonic::Code;
 use treewright_client::{
-    Client, ClientError, Configuration, Indicators, Mode, Outcome, Side, Source, Status,
+    Client, ClientError, Configuration, Indicators, Mode, Outcome, Side, Source, Space, Status, StudySpec,
 };
 use treewright_proto::v1::TrialState;
 
@@ -49,6 +49,27 @@ async fn a_program_measures_what_it_wants() {
     fake.book().refuse.insert("Suggest", Code::InvalidArgument);
     assert!(matches!(study.trial_of(&state(3), &wanted).await, Err(ClientError::Refused { .. })));
     assert_eq!(client.stats().fallbacks, 0, "there is nothing to fall back on");
+}
+
+#[tokio::test]
+async fn what_is_set_up_serves_the_next_trial_that_wants_the_same() {
+    let (_fake, client) = Fake::with_client();
+    let space = Space::builder().integer("max_depth", 9..=1000).default(32).setup();
+    let space = space.boolean("compact").default(false).build().unwrap();
+    let study = client.study("scene", StudySpec { space, ..spec() }).await.unwrap();
+    let runs = [
+        (17i64, false, Outcome::Ok, false),
+        (17, true, Outcome::Ok, true),
+        (18, true, Outcome::infeasible("depth limit"), false),
+        (18, true, Outcome::Ok, false),
+        (18, false, Outcome::Ok, true),
+    ];
+    for (depth, compact, outcome, is_prepared) in runs {
+        let wanted = Configuration::new().with("max_depth", depth).with("compact", compact);
+        let suggestion = study.trial_of(&state(3), &wanted).await.unwrap();
+        assert_eq!(suggestion.is_prepared(), is_prepared, "{wanted}");
+        suggestion.report(measured(12.5), outcome).unwrap();
+    }
 }
 
 #[tokio::test]

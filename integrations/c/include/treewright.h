@@ -135,6 +135,8 @@ void tw_spec_choice_number(tw_spec *spec, const char *name, const double *values
 void tw_spec_choice_integer(tw_spec *spec, const char *name, const int64_t *values, size_t count, int64_t default_value);
 /* The last parameter exists only while an earlier one has this value, written as text; again for further values. */
 void tw_spec_active_if(tw_spec *spec, const char *parameter, const char *value);
+/* A change of the last parameter needs a set-up, such as a build; that of all others only a run. */
+void tw_spec_setup(tw_spec *spec);
 /* Every configuration has lesser <= greater. */
 void tw_spec_less_or_equal(tw_spec *spec, const char *lesser, const char *greater);
 /* The last parameter, an integer, has only values that are so far apart from each other, from the smallest on. */
@@ -341,6 +343,9 @@ double tw_suggestion_predicted_cost(const tw_suggestion *suggestion);
 double tw_suggestion_abort_above(const tw_suggestion *suggestion);
 /* The name of the cheaper level at which to run; NULL for a full trial. Valid as long as the suggestion. */
 const char *tw_suggestion_fidelity(const tw_suggestion *suggestion);
+/* Whether what was set up for the trial before serves this one: that was measured to its end, with the same values of all
+ * parameters of tw_spec_setup. False for NULL, and always where a process runs trials of the study side by side. */
+bool tw_suggestion_is_prepared(const tw_suggestion *suggestion);
 
 /* Each CONSUMES the suggestion and returns at once; the result is sent in the background. Fails: TW_INVALID, e.g. for a
  * measurement that is not finite; the trial is then given back. */

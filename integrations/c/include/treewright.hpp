@@ -132,6 +132,7 @@ class Suggestion {
     const char *level = tw_suggestion_fidelity(owned_.get());
     return level ? level : "";
   }
+  bool is_prepared() const { return tw_suggestion_is_prepared(owned_.get()); }
   // Each of these ends it.
   void report(const Numbers &measurements) {
     end([&](tw_suggestion *it, tw_error **error) {
@@ -291,6 +292,7 @@ class Spec {
   Spec &active_if(const char *parameter, const char *value) {
     return tw_spec_active_if(handle(), parameter, value), *this;
   }
+  Spec &setup() { return tw_spec_setup(handle()), *this; }
   Spec &less_or_equal(const char *lesser, const char *greater) {
     return tw_spec_less_or_equal(handle(), lesser, greater), *this;
   }

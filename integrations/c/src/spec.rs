@@ -265,6 +265,14 @@ pub(crate) extern "C" fn tw_spec_active_if(spec: Option<&mut Spec>, parameter: T
 }
 
 #[unsafe(no_mangle)]
+pub(crate) extern "C" fn tw_spec_setup(spec: Option<&mut Spec>) {
+    change(spec, |spec| {
+        spec.parameters.last_mut().ok_or("a set-up needs a parameter that it is for")?.setup = true;
+        Ok(())
+    });
+}
+
+#[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_spec_less_or_equal(spec: Option<&mut Spec>, lesser: Text, greater: Text) {
     change(spec, |spec| {
         let (lesser, greater) =

@@ -80,6 +80,11 @@ pub(crate) extern "C" fn tw_suggestion_abort_above(suggestion: Option<&Suggestio
     suggestion.and_then(|suggestion| suggestion.inner.abort_above()).unwrap_or(f64::INFINITY)
 }
 
+#[unsafe(no_mangle)]
+pub(crate) extern "C" fn tw_suggestion_is_prepared(suggestion: Option<&Suggestion>) -> bool {
+    suggestion.is_some_and(|suggestion| suggestion.inner.is_prepared())
+}
+
 fn end(
     suggestion: Option<Box<Suggestion>>,
     error: ErrorOut,

@@ -10,8 +10,11 @@ export interface Condition {
   anyOf: Value[];
 }
 
-/** `default` is the value used so far, against which everything is judged. */
-export type Parameter = { name: string; activeIf?: Condition } & (
+/**
+ * `default` is the value used so far, against which everything is judged. With `setup` a change of it needs a build, a compilation or the
+ * like; that of other parameters only a run.
+ */
+export type Parameter = { name: string; activeIf?: Condition; setup?: boolean } & (
   | { type: "integer"; min: number; max: number; log?: boolean; default: number; /** From `min` on. */ step?: number }
   | { type: "float"; min: number; max: number; log?: boolean; default: number }
   | { type: "boolean"; default: boolean }
@@ -196,6 +199,11 @@ export class Suggestion {
   readonly abortAbove?: number;
   /** The cheaper level at which to run; absent for a full trial. */
   readonly fidelity?: string;
+  /**
+   * Whether what was set up for the suggestion before serves this one: that was measured to its end, with the same values of all
+   * parameters with `setup`. Always false once trials of the study ran side by side.
+   */
+  readonly isPrepared: boolean;
   /**
    * Renews the lease, counted from now, for work that takes longer than `lease_s` of the policy; does nothing without the daemon. Rejects
    * where it is reported or given back, and where the daemon has ended its trial.

@@ -171,6 +171,10 @@ export class Client {
 
 export class Study {
   #memory;
+  /** What the last trial has set up, where it was measured to its end; whether one runs, and whether some ever ran side by side. */
+  #setUp;
+  #isRunning = false;
+  #sideBySide = false;
 
   constructor(client, name, spec, request) {
     this.client = client;
@@ -256,14 +260,14 @@ export class Study {
     try {
       const suggestion = await Promise.race([asked, expired]);
       this.client.stats.suggestions += 1;
-      return suggestion;
+      return suggestion.handOut();
     } catch (error) {
       late = true;
       this.client.stats.fallbacks += 1;
       this.client.stats.lastError = error.message;
       const lastGood = this.#memory.lastGood(indicators);
       const given = { indicators: { ...indicators }, isLastGood: lastGood !== undefined, problem: error };
-      return new Suggestion(this, undefined, undefined, lastGood ?? defaultConfiguration(this.spec), given);
+      return new Suggestion(this, undefined, undefined, lastGood ?? defaultConfiguration(this.spec), given).handOut();
     } finally {
       clearTimeout(timer);
     }
@@ -276,7 +280,7 @@ export class Study {
   async trialOf(configuration, indicators = {}) {
     checkIndicators(indicators, this.spec);
     const wanted = configurationToWire(configuration, this.spec);
-    return this.client.untilReady((deadlineMs) => this.#ask(indicators, wanted, deadlineMs));
+    return (await this.client.untilReady((deadlineMs) => this.#ask(indicators, wanted, deadlineMs))).handOut();
   }
 
   /** What is known of these indicators. A study whose daemon was away at first is created before. */
@@ -316,6 +320,20 @@ export class Study {
     return Object.keys(maximise).length === 1 && more.length === 0 ? weight / cost : cost;
   }
 
+  /** A trial begins: whether what the one before has set up serves it. Of trials side by side nobody knows which loop asks. */
+  beginSetUp(wanted) {
+    this.#sideBySide ||= this.#isRunning;
+    const isPrepared = !this.#sideBySide && this.#setUp === wanted;
+    this.#isRunning = true;
+    return isPrepared;
+  }
+
+  /** It ends; well where it says what it has set up. */
+  endSetUp(setUp) {
+    this.#isRunning = false;
+    this.#setUp = setUp;
+  }
+
   /** Learns from a result what to fall back on. What is beyond a limit does not count as run. */
   learn({ indicators, isAnswer }, configuration, measurements, outcome) {
     if (outcome.aborted) return;
@@ -342,6 +360,8 @@ export class Suggestion {
   #given;
   #episode;
   #open = true;
+  /** The level and the values that need a set-up, as text, from when the program gets it. */
+  #setUp;
 
   /** `given`: the indicators; of a trial, whether it `isAnswer`; of what was chosen without the daemon, `isLastGood` and the `problem`. */
   constructor(study, worker, trial, configuration, given) {
@@ -357,6 +377,15 @@ export class Suggestion {
     this.predictedCost = trial?.predictedCost;
     this.#lease = trial && { abortAbove: trial.abortAbove, leaseExpireTime: trial.leaseExpireTime };
     this.fidelity = trial?.fidelity || undefined;
+    this.isPrepared = false;
+  }
+
+  /** On its way to the program. */
+  handOut() {
+    const needing = this.#study.spec.parameters.filter(({ setup }) => setup);
+    this.#setUp = JSON.stringify([this.fidelity, ...needing.map(({ name }) => this.configuration[name])]);
+    this.isPrepared = this.#study.beginSetUp(this.#setUp);
+    return this;
   }
 
   get abortAbove() {
@@ -381,6 +410,7 @@ export class Suggestion {
     if (!this.#open) throw new TreewrightError("invalid", "this trial is reported or given back already");
     this.#checkValues(measurements);
     this.#open = false;
+    this.#study.endSetUp(outcome.ok && this.#setUp);
     const { client } = this.#study;
     // That the default ran is no news, and at a cheaper level nothing ran in full.
     if (this.source !== "default" && this.fidelity === undefined) this.#study.learn(this.#given, this.configuration, measurements, outcome);
@@ -405,6 +435,7 @@ export class Suggestion {
     const whole = { measurements, outcome: { ok: {} } };
     const result = this.#open && this.#episode ? this.#episode.push(measurements, cost) : whole;
     if (result) this.#end(result.measurements, result.outcome);
+    else this.isPrepared = true;
     return result === undefined;
   }
 
@@ -465,6 +496,7 @@ export class Suggestion {
   abandon() {
     if (!this.#open) return;
     this.#open = false;
+    if (this.#setUp !== undefined) this.#study.endSetUp(undefined);
     if (this.trial === undefined) return;
     forgotten.unregister(this);
     giveBack(this.#study.client, this.trial, this.#worker);

@@ -54,6 +54,7 @@ function parameterToWire(parameter, all) {
   else if (type === "choice")
     message.categorical = { values: parameter.values.map((value) => valueToWire(value, float)) };
   else throw new TreewrightError("invalid", `parameter ${name} has type ${type}; use integer, float, boolean or choice`);
+  if (parameter.setup) message.setup = true;
   if (parameter.activeIf) {
     const other = all.find((each) => each.name === parameter.activeIf.parameter);
     const anyOf = parameter.activeIf.anyOf.map((value) => valueToWire(value, other !== undefined && isFloat(other)));

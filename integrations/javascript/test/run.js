@@ -645,29 +645,30 @@ async function fallingBack() {
   };
   const { server, address } = await served(handlers);
   const client = new Client(address, { deadlineMs: 20000 });
-  const parameters = [{ name: "level", type: "integer", min: 1, max: 9, default: 5 }];
+  const parameters = [{ name: "level", type: "integer", min: 1, max: 9, default: 5, setup: true }];
   const study = await client.study("fallbacks", { parameters, indicators: { size: [0, 100] }, minimise: { ms: 1 } });
   const ends = [
-    ["default", 5, (suggestion) => suggestion.abandon()],
-    ["last_good", 4, (suggestion) => suggestion.report({ ms: 1 })],
+    ["default", 5, [false, false], (suggestion) => suggestion.abandon()],
+    ["last_good", 4, [false, true], (suggestion) => suggestion.report({ ms: 1 })],
     // At a cheaper level it did not run in full.
-    ["last_good", 4, (suggestion) => suggestion.report({ ms: 1 })],
-    ["default", 5, (suggestion) => suggestion.infeasible("it ran once")],
-    ["last_good", 6, (suggestion) => suggestion.report({ ms: 9 })],
+    ["last_good", 4, [false, false], (suggestion) => suggestion.report({ ms: 1 })],
+    ["default", 5, [true, false], (suggestion) => suggestion.infeasible("it ran once")],
+    ["last_good", 6, [false, true], (suggestion) => suggestion.report({ ms: 9 })],
     // The search tried something dearer last.
-    ["last_good", 6, (suggestion) => suggestion.report({ ms: 20 })],
+    ["last_good", 6, [false, false], (suggestion) => suggestion.report({ ms: 20 })],
     // The daemon knows more than this client.
-    ["last_good", 8, (suggestion) => suggestion.report({ ms: 30 })],
-    ["last_good", 8, (suggestion) => suggestion.report({ ms: 1 })],
+    ["last_good", 8, [false, true], (suggestion) => suggestion.report({ ms: 30 })],
+    ["last_good", 8, [false, false], (suggestion) => suggestion.report({ ms: 1 })],
     // In another state, where nothing ran.
-    ["last_good", 8, (suggestion) => suggestion.abandon(), 90],
+    ["last_good", 8, [false, false], (suggestion) => suggestion.abandon(), 90],
   ];
-  for (const [source, level, end, size = 10] of ends) {
+  for (const [source, level, prepared, end, size = 10] of ends) {
     const suggestion = await study.suggest({ size });
     assert.equal(suggestion.source, "daemon", suggestion.problem);
     end(suggestion);
     const fallback = await study.suggest({ size });
     assert.deepEqual([fallback.source, fallback.configuration], [source, { level }]);
+    assert.deepEqual([suggestion.isPrepared, fallback.isPrepared], prepared);
     fallback.report({ ms: 2 });
   }
   await client.flush(20000);

@@ -21,6 +21,7 @@ pub(crate) struct Suggestion {
     predicted_cost: Option<f64>,
     abort_above: Option<f64>,
     fidelity: Option<String>,
+    is_prepared: bool,
     /// Until it is reported or given back.
     open: Mutex<Option<treewright_client::Suggestion>>,
 }
@@ -44,6 +45,7 @@ impl Suggestion {
             predicted_cost: inner.predicted_cost(),
             abort_above: inner.abort_above(),
             fidelity: inner.fidelity().map(str::to_owned),
+            is_prepared: inner.is_prepared(),
             open: Mutex::new(Some(inner)),
         }
     }
@@ -122,6 +124,13 @@ impl Suggestion {
     #[getter]
     fn fidelity(&self) -> Option<&str> {
         self.fidelity.as_deref()
+    }
+
+    /// Whether what was set up for the trial before serves this one: that was measured to its end, with the
+    /// same values of all parameters with setup. Always false for loops that run side by side in a process.
+    #[getter]
+    fn is_prepared(&self) -> bool {
+        self.is_prepared
     }
 
     /// Whether it is neither reported nor given back.

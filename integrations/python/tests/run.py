@@ -64,15 +64,18 @@ def trials(url: str) -> None:
     client = treewright.Client(url, client_id="python-test", deadline_ms=20000)
     space = treewright.Space().choice("split", ["sah", "median"], default="sah")
     space.float("cost", 0.5, 4.0, default=1.0, active_if=("split", "sah")).choice("budget", [1.2, 2.0], default=1.2)
-    space.integer("low", 1, 9, default=2).integer("high", 1, 9, default=5).less_or_equal("low", "high")
+    space.integer("low", 1, 9, default=2, setup=True).integer("high", 1, 9, default=5).less_or_equal("low", "high")
     space.integer("blockSize", 8, 72, default=24, step=16)
     space.constraint("low * high <= 20 and (low % 2 == 0 or split == 'median')")
     limits = {"mb": (None, 99.0)}
     study = client.study("python", space, minimise={"ms": 1.0}, limits=limits, policy={"confirm_rounds": 0})
+    built = None
     for _ in range(30):
         with study.suggest() as trial:
             values = trial.configuration
             assert trial.source == "daemon" and trial.problem is None and trial.reason
+            assert trial.is_prepared == (values["low"] == built), (values, built)
+            built = values["low"]
             assert values["blockSize"] % 16 == 8, values
             assert values["low"] * values["high"] <= 20 and (values["low"] % 2 == 0 or values["split"] == "median")
             assert values["low"] <= values["high"] and ("cost" in values) == (values["split"] == "sah"), values

@@ -253,6 +253,9 @@ class Suggestion:
     def fidelity(self) -> Optional[str]:
         """The cheaper level at which to run; None for a full trial."""
     @property
+    def is_prepared(self) -> bool:
+        """Whether what was set up for the trial before serves this one."""
+    @property
     def is_open(self) -> bool:
         """Whether it is neither reported nor given back."""
     def __getitem__(self, name: str) -> Value: ...
