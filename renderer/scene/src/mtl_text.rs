@@ -1,7 +1,9 @@
-//! MTL files: the names that an OBJ gives, and their text made safe to parse.
+//! MTL files: the names that an OBJ gives, and the materials that they hold.
 
 use std::collections::BTreeMap;
 use std::path::Path;
+
+use glam::Vec3;
 
 use super::obj_text::{keyword_and_rest, statements};
 
@@ -81,35 +83,51 @@ pub(super) fn map(line: &str) -> Option<(String, bool)> {
     (!name.is_empty()).then_some((name, clamped))
 }
 
-/// A material text that the parser takes.
+/// A material as its file describes it: what follows each keyword.
 #[derive(Debug, Default)]
-pub(super) struct Repaired {
-    pub(super) text: String,
-    /// Numbers of ignored keywords.
-    pub(super) ignored: BTreeMap<String, usize>,
+pub(super) struct Described {
+    pub(super) name: String,
+    values: BTreeMap<&'static str, String>,
 }
 
-/// Takes out the material lines that would stop the parser, colours, numbers and names that are not there,
-/// and those that are not read.
-pub(super) fn repaired(text: &str) -> Repaired {
-    let mut repaired = Repaired::default();
+impl Described {
+    pub(super) fn get(&self, keyword: &str) -> Option<&str> {
+        self.values.get(keyword).map(String::as_str)
+    }
+
+    pub(super) fn number(&self, keyword: &str) -> Option<f32> {
+        self.get(keyword)?.parse().ok()
+    }
+
+    pub(super) fn colour(&self, keyword: &str) -> Option<Vec3> {
+        let parts: Option<Vec<f32>> = self.get(keyword)?.split(' ').map(|part| part.parse().ok()).collect();
+        Some(Vec3::from_array(parts?.try_into().ok()?))
+    }
+}
+
+/// Reads materials. Left out are colours, numbers and names that are not there, and keywords that are not
+/// read, which are counted in `ignored`.
+pub(super) fn materials(text: &str, ignored: &mut BTreeMap<String, usize>) -> Vec<Described> {
+    let mut materials: Vec<Described> = Vec::new();
     for (_, statement) in statements(text) {
         let (keyword, rest) = keyword_and_rest(&statement);
-        let spelt = READ.iter().find(|known| known.eq_ignore_ascii_case(keyword));
-        let Some(spelt) = spelt else {
+        let Some(spelt) = READ.iter().find(|known| known.eq_ignore_ascii_case(keyword)) else {
             if !keyword.is_empty() {
-                *repaired.ignored.entry(keyword.to_owned()).or_default() += 1;
+                *ignored.entry(keyword.to_owned()).or_default() += 1;
             }
             continue;
         };
-        if let Some(value) = value(spelt, rest) {
-            repaired.text.push_str(&format!("{spelt} {value}\n"));
+        let Some(value) = value(spelt, rest) else { continue };
+        if *spelt == "newmtl" {
+            materials.push(Described { name: value, ..Described::default() });
+        } else if let Some(material) = materials.last_mut() {
+            material.values.insert(*spelt, value);
         }
     }
-    repaired
+    materials
 }
 
-/// The text behind a keyword, as the parser wants it.
+/// The text behind a keyword, if it is of its kind.
 fn value(keyword: &str, rest: &str) -> Option<String> {
     let words = || rest.split_whitespace().skip_while(|word| *word == "-halo");
     let number = |word: &&str| word.parse::<f32>().is_ok();
@@ -120,7 +138,6 @@ fn value(keyword: &str, rest: &str) -> Option<String> {
             _ => None,
         },
         "Ns" | "Ni" | "d" | "Tr" | "Pr" | "Pm" => words().next().filter(number).map(str::to_owned),
-        "illum" => words().next().filter(|word| word.parse::<u8>().is_ok()).map(str::to_owned),
         _ => (!rest.is_empty()).then(|| rest.to_owned()),
     }
 }
@@ -155,13 +172,18 @@ mod tests {
     }
 
     #[test]
-    fn bad_material_lines_are_taken_out_and_the_others_told() {
+    fn bad_material_lines_are_left_out_and_the_others_told() {
         let text = "newmtl a\nKd 1 0\nKs x y z\nNs\nillum many\nmap_Kd\nmap_bump b.png\nKe 1 2 3 # bright\nnewmtl\n\
                     KD 0.5\nd -halo 0.25\nTr 0.5 # half\nmap_Bump c.png\nTf 1 1 1\n# end";
-        let found = repaired(text);
-        assert_eq!(found.text, "newmtl a\nKe 1 2 3\nKd 0.5 0.5 0.5\nd 0.25\nTr 0.5\n");
+        let mut ignored = BTreeMap::new();
+        let found = materials(text, &mut ignored);
+        assert_eq!((found.len(), &found[0].name[..]), (1, "a"));
+        let colours = ["Kd", "Ks", "Ke"].map(|keyword| found[0].colour(keyword));
+        assert_eq!(colours, [Some(Vec3::splat(0.5)), None, Some(Vec3::new(1.0, 2.0, 3.0))]);
+        let numbers = ["Ns", "d", "Tr"].map(|keyword| found[0].number(keyword));
+        assert_eq!((numbers, found[0].get("map_Kd")), ([None, Some(0.25), Some(0.5)], None));
         let ignored: Vec<(&str, usize)> =
-            found.ignored.iter().map(|(keyword, count)| (keyword.as_str(), *count)).collect();
+            ignored.iter().map(|(keyword, count)| (keyword.as_str(), *count)).collect();
         assert_eq!(ignored, [("Tf", 1), ("map_Bump", 1), ("map_bump", 1)]);
     }
 }

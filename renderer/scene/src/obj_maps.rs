@@ -7,7 +7,7 @@ use glam::Vec3;
 use super::Material;
 use super::assemble::Assembler;
 use super::images::{self, Pixels};
-use super::mtl_text::map;
+use super::mtl_text::{Described, map};
 use super::texture::{Encoding, Wrap};
 
 /// Alpha from which a surface with an alpha map is solid.
@@ -17,23 +17,13 @@ const CUT_OUT: f32 = 0.5;
 type Make<'a> = dyn Fn([Option<&str>; 2]) -> Result<Pixels, String> + 'a;
 
 /// Whether a material names any picture.
-pub(super) fn has_maps(material: &tobj::Material) -> bool {
-    let maps = [&material.diffuse_texture, &material.dissolve_texture];
-    maps.into_iter().any(Option::is_some)
-        || ["map_Ke", "map_Pr", "map_Pm", "norm"]
-            .into_iter()
-            .any(|key| material.unknown_param.contains_key(key))
+pub(super) fn has_maps(material: &Described) -> bool {
+    ["map_Kd", "map_d", "map_Ke", "map_Pr", "map_Pm", "norm"].iter().any(|key| material.get(key).is_some())
 }
 
 /// Reads the pictures of a material, which stand in `folder` or below.
-pub(super) fn read(
-    material: &tobj::Material,
-    folder: &Path,
-    assembler: &mut Assembler,
-    described: &mut Material,
-) {
-    let known = |line: &Option<String>| line.as_deref().and_then(map);
-    let other = |key: &str| material.unknown_param.get(key).and_then(|line| map(line));
+pub(super) fn read(material: &Described, folder: &Path, assembler: &mut Assembler, described: &mut Material) {
+    let named = |key: &str| material.get(key).and_then(map);
     let decoded = |name: &str| images::decode(&images::read_file(&folder.join(name))?, Path::new(name));
     let mut add = |maps: [Option<(String, bool)>; 2], encoding, make: &Make| {
         let names = [0, 1].map(|index| maps[index].as_ref().map(|(name, _)| name.as_str()));
@@ -41,29 +31,29 @@ pub(super) fn read(
         let wrap = if first.1 { Wrap::Clamp } else { Wrap::Repeat };
         assembler.texture(&format!("{names:?}"), &first.0, encoding, [wrap; 2], || make(names))
     };
-    let (colour, alpha) = (known(&material.diffuse_texture), known(&material.dissolve_texture));
+    let (colour, alpha) = (named("map_Kd"), named("map_d"));
     let has_alpha_map = alpha.is_some();
     described.base_color_texture = add([colour, alpha], Encoding::Srgb, &|[colour, alpha]| {
         with_alpha(colour.map(decoded).transpose()?, alpha.map(decoded).transpose()?)
     });
     described.metallic_roughness_texture =
-        add([other("map_Pr"), other("map_Pm")], Encoding::Linear, &|[rough, metal]| {
+        add([named("map_Pr"), named("map_Pm")], Encoding::Linear, &|[rough, metal]| {
             merged(rough.map(decoded).transpose()?, metal.map(decoded).transpose()?, |rough, metal| {
                 [255, rough.map_or(255, |[value, ..]| value), metal.map_or(255, |[value, ..]| value), 255]
             })
         });
-    if material.unknown_param.contains_key("map_Pm") && !material.unknown_param.contains_key("Pm") {
+    if material.get("map_Pm").is_some() && material.get("Pm").is_none() {
         described.metallic = 1.0;
     }
-    if material.unknown_param.contains_key("map_Pr") && !material.unknown_param.contains_key("Pr") {
+    if material.get("map_Pr").is_some() && material.get("Pr").is_none() {
         described.roughness = 1.0;
     }
     let plain = |[name, _]: [Option<&str>; 2]| decoded(name.unwrap_or_default());
-    described.emission_texture = add([other("map_Ke"), None], Encoding::Srgb, &plain);
+    described.emission_texture = add([named("map_Ke"), None], Encoding::Srgb, &plain);
     if described.emission_texture.is_some() && described.emission == Vec3::ZERO {
         described.emission = Vec3::ONE;
     }
-    described.normal_texture = add([other("norm"), None], Encoding::Linear, &plain);
+    described.normal_texture = add([named("norm"), None], Encoding::Linear, &plain);
     let cuts_out = |texture| has_alpha_map || assembler.cuts_out(texture);
     if described.base_color_texture.is_some_and(cuts_out) {
         described.cutoff = Some(CUT_OUT);

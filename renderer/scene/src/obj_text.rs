@@ -1,48 +1,41 @@
-//! Looks over the text of OBJ files before they are parsed.
+//! Reads the text of OBJ files.
 
 use std::borrow::Cow;
-use std::collections::BTreeSet;
+use std::collections::{BTreeSet, HashMap};
 
-use glam::{DVec3, Vec3};
+use glam::{DVec3, Vec2, Vec3};
 
+use super::part::Part;
 use super::place::far_middle;
 
-/// An OBJ text that is safe to parse.
-pub(super) struct Checked {
-    /// The text without ignored statements. Where there are normals, the first is zero and stands for none.
-    pub(super) text: String,
-    /// Points, lines, curves and faces of fewer than three corners that were taken out.
+/// What an OBJ text says.
+#[derive(Default)]
+pub(super) struct Parsed {
+    /// Those with faces, in order.
+    pub(super) groups: Vec<Group>,
+    /// Points, lines, curves and faces of fewer than three corners, which are left out.
     pub(super) ignored: usize,
-    /// Faces that are left.
-    pub(super) faces: usize,
     /// Corners that name texture coordinates or normals which are not there.
     pub(super) astray: usize,
     /// Vertices with colours, which are not used.
     pub(super) coloured: usize,
-    /// The names of materials that faces have.
-    pub(super) materials: BTreeSet<String>,
+    /// The names of materials that there are not.
+    pub(super) unknown: BTreeSet<String>,
     /// The offset that was subtracted from all positions, because they lie far from the origin.
     pub(super) origin: Option<DVec3>,
 }
 
-/// The counts of each kind of vertex data.
-#[derive(Clone, Copy, Default)]
-struct Counts {
-    positions: usize,
-    texture: usize,
-    normals: usize,
+/// Faces of one name and material that follow each other.
+#[derive(Default)]
+pub(super) struct Group {
+    pub(super) name: String,
+    /// The number of its material, if that is there.
+    pub(super) material: Option<usize>,
+    pub(super) part: Part,
 }
 
-impl Counts {
-    fn count(&mut self, keyword: &str) {
-        match keyword {
-            "v" => self.positions += 1,
-            "vt" => self.texture += 1,
-            "vn" => self.normals += 1,
-            _ => {}
-        }
-    }
-}
+/// The name of a group without one.
+const UNNAMED: &str = "unnamed_object";
 
 /// Keywords that names follow.
 const NAMED: [&str; 11] =
@@ -73,93 +66,184 @@ pub(super) fn keyword_and_rest(statement: &str) -> (&str, &str) {
     (keyword, rest.trim())
 }
 
-/// Checks numbers and faces, and takes out statements that make no triangle; also texture coordinates, unless
-/// `with_textures`. Then every corner has some: those without get (0, 0), which stands before all others. The
-/// text begins by naming `libraries` libraries of materials, by their numbers.
+/// Reads a text whose materials have these numbers. `with_textures`, every corner has texture coordinates,
+/// and where there are normals, every corner of a group that uses any has one, which may be zero.
 ///
 /// # Errors
 /// One sentence that names the line and its fault.
-pub(super) fn check(text: &str, with_textures: bool, libraries: usize) -> Result<Checked, String> {
-    let mut total = Counts::default();
-    for (_, statement) in statements(text) {
-        total.count(keyword_and_rest(&statement).0);
-    }
-    let position = |statement: &str| match keyword_and_rest(statement) {
-        ("v", rest) => doubles(rest),
-        _ => None,
+pub(super) fn parse(
+    text: &str,
+    with_textures: bool,
+    materials: &HashMap<&str, usize>,
+) -> Result<Parsed, String> {
+    let vertices = VertexData::read(text)?;
+    let origin = far_middle(vertices.positions.iter().skip(1).copied());
+    let mut faces = Faces {
+        with_textures,
+        materials,
+        so_far: [0; 3],
+        open: Group { name: UNNAMED.to_owned(), ..Group::default() },
+        numbers: HashMap::new(),
+        parsed: Parsed { coloured: vertices.coloured, origin, ..Parsed::default() },
+        vertices,
     };
-    let mut checked = Checked {
-        text: String::with_capacity(text.len()),
-        ignored: 0,
-        faces: 0,
-        astray: 0,
-        coloured: 0,
-        materials: BTreeSet::new(),
-        origin: far_middle(statements(text).filter_map(|(_, statement)| position(&statement))),
-    };
-    (0..libraries).for_each(|number| push_line(&mut checked.text, &format!("mtllib {number}")));
-    if with_textures {
-        push_line(&mut checked.text, "vt 0 0");
-    }
-    if total.normals > 0 {
-        push_line(&mut checked.text, "vn 0 0 0");
-    }
-    let mut so_far = Counts::default();
     for (number, statement) in statements(text) {
-        so_far.count(keyword_and_rest(&statement).0);
-        let corners = Corners { so_far, total, with_textures };
-        checked.add(&statement, &corners).map_err(|what| format!("line {number}: {what}"))?;
+        faces.add(&statement).map_err(|what| format!("line {number}: {what}"))?;
     }
-    Ok(checked)
+    faces.begin(String::new(), None);
+    Ok(faces.parsed)
 }
 
-impl Checked {
-    /// Adds a statement, unless it is ignored.
-    fn add(&mut self, statement: &str, corners: &Corners) -> Result<(), String> {
-        let (keyword, rest) = keyword_and_rest(statement);
-        let words = || rest.split_whitespace();
-        match keyword {
-            "v" | "vn" => {
-                let found: Vec<&str> = words().take(3).filter(|word| word.parse::<f32>().is_ok()).collect();
-                if found.len() < 3 {
-                    return Err(format!("\"{}\" does not have three numbers", shortened(statement)));
-                }
-                // Colours and weights behind the position are not used; some exporters write them badly.
-                self.coloured += usize::from(keyword == "v" && words().count() >= 6);
-                match (self.origin, doubles(rest)) {
-                    (Some(origin), Some(at)) if keyword == "v" => {
-                        let Vec3 { x, y, z } = (at - origin).as_vec3();
-                        push_line(&mut self.text, &format!("v {x} {y} {z}"));
+/// The data of vertices by their numbers in the text, from 1. What has number 0 stands for none.
+struct VertexData {
+    positions: Vec<DVec3>,
+    uvs: Vec<Vec2>,
+    normals: Vec<Vec3>,
+    /// Vertices with colours.
+    coloured: usize,
+}
+
+impl VertexData {
+    fn read(text: &str) -> Result<Self, String> {
+        let mut data =
+            Self { positions: vec![DVec3::NAN], uvs: vec![Vec2::Y], normals: vec![Vec3::ZERO], coloured: 0 };
+        for (number, statement) in statements(text) {
+            let (keyword, rest) = keyword_and_rest(&statement);
+            match keyword {
+                "v" | "vn" => {
+                    let Some(at) = doubles(rest) else {
+                        let statement = shortened(&statement);
+                        return Err(format!("line {number}: \"{statement}\" does not have three numbers"));
+                    };
+                    if keyword == "vn" {
+                        data.normals.push(at.as_vec3());
+                        continue;
                     }
-                    _ => push_line(&mut self.text, &format!("{keyword} {}", found.join(" "))),
+                    data.positions.push(at);
+                    // Colours and weights behind the position are not used; some exporters write them badly.
+                    data.coloured += usize::from(rest.split_whitespace().count() >= 6);
                 }
+                "vt" => {
+                    let finite = |word: &str| word.parse::<f32>().ok().filter(|number| number.is_finite());
+                    let mut numbers = rest.split_whitespace().map(finite);
+                    let mut number = || numbers.next().flatten().unwrap_or(0.0);
+                    // Pictures stand upside down.
+                    data.uvs.push(Vec2::new(number(), 1.0 - number()));
+                }
+                _ => {}
             }
-            "vt" if corners.with_textures => {
-                let mut numbers =
-                    words().map(|word| word.parse::<f32>().ok().filter(|number| number.is_finite()));
-                let mut number = || numbers.next().flatten().unwrap_or(0.0);
-                push_line(&mut self.text, &format!("vt {} {}", number(), number()));
-            }
+        }
+        Ok(data)
+    }
+}
+
+/// Reads faces, after all data of vertices: numbers may point forward.
+struct Faces<'a> {
+    vertices: VertexData,
+    with_textures: bool,
+    materials: &'a HashMap<&'a str, usize>,
+    /// Counts of positions, texture coordinates and normals up to the statement.
+    so_far: [usize; 3],
+    open: Group,
+    /// The vertices of the open group, by the numbers of their data.
+    numbers: HashMap<[usize; 3], u32>,
+    parsed: Parsed,
+}
+
+impl Faces<'_> {
+    fn add(&mut self, statement: &str) -> Result<(), String> {
+        let (keyword, rest) = keyword_and_rest(statement);
+        match keyword {
+            "v" => self.so_far[0] += 1,
+            "vt" => self.so_far[1] += 1,
+            "vn" => self.so_far[2] += 1,
             // `fo` is what faces were called before version 3.0.
             "f" | "fo" => {
-                let read = |word| corners.read(word, &mut self.astray);
-                let found: Vec<String> = words().map(read).collect::<Result<_, _>>()?;
-                if found.len() < 3 {
-                    self.ignored += 1;
+                let corners = rest.split_whitespace().map(|word| self.corner(word));
+                let corners = corners.collect::<Result<Vec<_>, _>>()?;
+                if corners.len() < 3 {
+                    self.parsed.ignored += 1;
                 } else {
-                    self.faces += 1;
-                    push_line(&mut self.text, &format!("f {}", found.join(" ")));
+                    let corners: Vec<u32> = corners.into_iter().map(|corner| self.vertex(corner)).collect();
+                    self.open.part.push_polygon(&corners);
                 }
             }
-            "p" | "l" | "curv" | "curv2" | "surf" => self.ignored += 1,
+            "p" | "l" | "curv" | "curv2" | "surf" => self.parsed.ignored += 1,
             "usemtl" if !rest.is_empty() => {
-                self.materials.insert(rest.to_owned());
-                push_line(&mut self.text, &format!("usemtl {rest}"));
+                let material = self.materials.get(rest).copied();
+                if material.is_none() {
+                    self.parsed.unknown.insert(rest.to_owned());
+                }
+                if material != self.open.material {
+                    self.begin(self.open.name.clone(), material);
+                }
             }
-            "o" | "g" => push_line(&mut self.text, &format!("{keyword} {rest}")),
+            "o" | "g" => {
+                let name = if rest.is_empty() { UNNAMED } else { rest };
+                self.begin(name.to_owned(), self.open.material);
+            }
             _ => {}
         }
         Ok(())
+    }
+
+    /// Ends the open group and begins another one.
+    fn begin(&mut self, name: String, material: Option<usize>) {
+        let begun = Group { name, material, part: Part::default() };
+        let mut ended = std::mem::replace(&mut self.open, begun);
+        self.numbers = HashMap::new();
+        if ended.part.normals.iter().all(|normal| *normal == Vec3::ZERO) {
+            ended.part.normals.clear();
+        }
+        if !ended.part.indices.is_empty() {
+            self.parsed.groups.push(ended);
+        }
+    }
+
+    /// The numbers of a corner `position/texture/normal`, counted from the start. Of texture coordinates and
+    /// normals, zero and a number of what the file does not have count as none.
+    fn corner(&mut self, word: &str) -> Result<[usize; 3], String> {
+        let VertexData { positions, uvs, normals, .. } = &self.vertices;
+        let ends = [positions.len(), uvs.len(), normals.len()];
+        let (mut corner, mut known) = ([0; 3], true);
+        for (place, text) in word.split('/').take(3).enumerate().filter(|(_, text)| !text.is_empty()) {
+            let number = text.parse::<i64>();
+            let number =
+                number.map_err(|_| format!("the face's number \"{}\" is no number", shortened(text)))?;
+            // One below zero counts back from the latest.
+            let from_start = if number < 0 { self.so_far[place] as i64 + 1 + number } else { number };
+            if (1..ends[place] as i64).contains(&from_start) {
+                corner[place] = from_start as usize;
+            } else if place == 0 {
+                let last = positions.len() - 1;
+                return Err(format!("the face names vertex {text}, but there are only {last}"));
+            } else {
+                known = false;
+            }
+        }
+        if corner[0] == 0 {
+            return Err(format!("the face's corner \"{}\" names no vertex", shortened(word)));
+        }
+        self.parsed.astray += usize::from(!known);
+        if !self.with_textures {
+            corner[1] = 0;
+        }
+        Ok(corner)
+    }
+
+    /// The number of a corner's vertex in the open group.
+    fn vertex(&mut self, corner: [usize; 3]) -> u32 {
+        let part = &mut self.open.part;
+        *self.numbers.entry(corner).or_insert_with(|| {
+            let [position, uv, normal] = corner;
+            let at = self.vertices.positions[position] - self.parsed.origin.unwrap_or(DVec3::ZERO);
+            part.positions.push(at.as_vec3());
+            if self.with_textures {
+                part.uvs.push(self.vertices.uvs[uv]);
+            }
+            part.normals.push(self.vertices.normals[normal]);
+            part.positions.len() as u32 - 1
+        })
     }
 }
 
@@ -170,95 +254,40 @@ fn doubles(rest: &str) -> Option<DVec3> {
     Some(DVec3::new(number()?, number()?, number()?))
 }
 
-fn push_line(text: &mut String, line: &str) {
-    text.push_str(line);
-    text.push('\n');
-}
-
 fn shortened(line: &str) -> String {
     line.trim().chars().take(60).collect()
-}
-
-/// The meaning of corner numbers at the place of a face.
-struct Corners {
-    so_far: Counts,
-    total: Counts,
-    with_textures: bool,
-}
-
-impl Corners {
-    /// A corner `position/texture/normal` with absolute numbers: that of the texture coordinates one higher
-    /// or left out, that of the normal one higher. Zero, and a number of what the file does not have, counts
-    /// as none.
-    fn read(&self, word: &str, astray: &mut usize) -> Result<String, String> {
-        let mut numbers = word.split('/');
-        let position = match numbers.next() {
-            None | Some("") => {
-                return Err(format!("the face's corner \"{}\" names no vertex", shortened(word)));
-            }
-            Some(text) => absolute(text, self.so_far.positions)?,
-        };
-        if !(1..=self.total.positions as i64).contains(&position) {
-            let text = word.split('/').next().unwrap_or("");
-            return Err(format!("the face names vertex {text}, but there are only {}", self.total.positions));
-        }
-        let mut known = true;
-        let mut next = |so_far: usize, total: usize| match numbers.next() {
-            None | Some("") => Ok(0),
-            Some(text) => {
-                let number = absolute(text, so_far)?;
-                let found = (1..=total as i64).contains(&number);
-                known &= found;
-                Ok::<i64, String>(if found { number } else { 0 })
-            }
-        };
-        let texture = next(self.so_far.texture, self.total.texture)?;
-        let normal = next(self.so_far.normals, self.total.normals)?;
-        *astray += usize::from(!known);
-        let texture = if self.with_textures { (texture + 1).to_string() } else { String::new() };
-        Ok(match self.total.normals {
-            0 if self.with_textures => format!("{position}/{texture}"),
-            0 => position.to_string(),
-            _ => format!("{position}/{texture}/{}", normal + 1),
-        })
-    }
-}
-
-/// A one-based number that may count back from the latest, as a number from the start.
-fn absolute(text: &str, so_far: usize) -> Result<i64, String> {
-    let number: i64 =
-        text.parse().map_err(|_| format!("the face's number \"{}\" is no number", shortened(text)))?;
-    Ok(if number < 0 { so_far as i64 + 1 + number } else { number })
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    fn checked(text: &str, with_textures: bool) -> Checked {
-        check(text, with_textures, 0).unwrap()
+    fn parsed(text: &str, with_textures: bool) -> Parsed {
+        parse(text, with_textures, &HashMap::from([("a", 0), ("b", 1)])).unwrap()
     }
+
+    const CORNERS: &str = "v 0 0 0\nv 1 0 0\nv 0 1 0\n";
 
     #[test]
     fn relative_numbers_count_from_where_they_stand() {
-        let found = checked("v 0 0 0\nv 1 0 0\nv 0 1 0\nvn 0 0 1\nf -3//-1 -2//1 -1//1\nv 5 5 5\n", false);
-        assert!(found.text.ends_with("f 1//2 2//2 3//2\nv 5 5 5\n"), "{}", found.text);
+        let found = parsed(&format!("{CORNERS}vn 0 0 1\nf -3//-1 -2//1 -1//1\nv 5 5 5\n"), false);
+        let part = &found.groups[0].part;
+        assert_eq!(
+            (&part.positions[..], &part.normals[..]),
+            (&[Vec3::ZERO, Vec3::X, Vec3::Y][..], &[Vec3::Z; 3][..])
+        );
         // A number may point forward.
-        assert_eq!(checked("f 1 2 3\nv 0 0 0\nv 1 0 0\nv 0 1 0\n", false).faces, 1);
+        assert_eq!(parsed(&format!("f 1 2 3\n{CORNERS}"), false).groups[0].part.indices, [[0, 1, 2]]);
     }
 
     #[test]
     fn numbers_of_what_is_not_there_count_as_none() {
-        let corners = "v 0 0 0\nv 1 0 0\nv 0 1 0\n";
-        let found = checked(&format!("{corners}f 1/1/1 2/-1 3/0\n"), false);
-        assert_eq!((found.text.ends_with("f 1 2 3\n"), found.astray), (true, 3));
-        let found = checked(&format!("{corners}vn 0 0 1\nvt 1 1\nf 1/1/0 2/2/1 3//1\n"), true);
-        assert_eq!(
-            (found.text.ends_with("f 1/2/1 2/1/2 3/1/2\n"), found.astray),
-            (true, 2),
-            "{}",
-            found.text
-        );
+        let found = parsed(&format!("{CORNERS}f 1/1/1 2/-1 3/0\n"), false);
+        assert_eq!((found.groups[0].part.normals.len(), found.astray), (0, 3));
+        let found = parsed(&format!("{CORNERS}vn 0 0 1\nvt 1 1\nf 1/1/0 2/2/1 3//1\n"), true);
+        let part = &found.groups[0].part;
+        assert_eq!((&part.normals[..], found.astray), (&[Vec3::ZERO, Vec3::Z, Vec3::Z][..], 2));
+        assert_eq!(part.uvs, [Vec2::X, Vec2::Y, Vec2::Y]);
     }
 
     #[test]
@@ -271,36 +300,48 @@ mod tests {
             ("v 0 0 0\nf 1 1 99999999999999999999\n", "no number"),
             ("v 0 0 0\nf / 1 1\n", "names no vertex"),
         ] {
-            let message = check(text, false, 0).err().unwrap();
+            let message = parse(text, false, &HashMap::new()).err().unwrap();
             assert!(message.contains(expected), "{message}");
         }
     }
 
     #[test]
-    fn lines_and_points_are_taken_out_and_counted() {
-        let found = checked("v 0 0 0\np 1\nl 1 1 1\nf 1 1\nusemtl \nf 1 1 \\\n 1\n", false);
-        assert_eq!((found.ignored, found.faces), (3, 1));
-        assert_eq!(found.text, "v 0 0 0\nf 1 1 1\n");
+    fn lines_and_points_are_left_out_and_counted() {
+        let found = parsed("v 0 0 0\np 1\nl 1 1 1\nf 1 1\nusemtl \nf 1 1 \\\n 1\n", false);
+        assert_eq!((found.ignored, found.groups.len()), (3, 1));
+        assert_eq!(found.groups[0].part.indices, [[0, 0, 0]]);
     }
 
     #[test]
     fn comments_end_numbers_and_never_go_on() {
         let text =
             "# of C:\\models\\\nv 0 0 0#first\nv 1 0 0 # \\\nv 0 1 0\nusemtl a #2\nf 1 \\ \n2 3 # one\n";
-        let found = check(text, false, 2).unwrap();
-        let expected = "mtllib 0\nmtllib 1\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl a #2\nf 1 2 3\n";
-        assert_eq!(found.text, expected);
-        assert!(found.materials.contains("a #2"));
+        let found = parsed(text, false);
+        assert_eq!(found.groups[0].part.indices, [[0, 1, 2]]);
+        assert!(found.unknown.contains("a #2"));
+    }
+
+    #[test]
+    fn names_and_materials_begin_groups() {
+        let face = "f 1 2 3\n";
+        let text = format!(
+            "{CORNERS}{face}usemtl a\n{face}o x\nusemtl b\nusemtl a\n{face}{face}usemtl z\ng\n{face}"
+        );
+        let found = parsed(&text, false);
+        let groups = found.groups.iter().map(|one| (&one.name[..], one.material, one.part.indices.len()));
+        let expected = [(UNNAMED, None, 1), (UNNAMED, Some(0), 1), ("x", Some(0), 2), (UNNAMED, None, 1)];
+        assert_eq!(groups.collect::<Vec<_>>(), expected);
+        assert_eq!(found.groups[2].part.positions.len(), 3, "equal corners are one vertex");
     }
 
     #[test]
     fn corners_without_texture_coordinates_get_some() {
         let text = "v 0 0 0 1 0 0\nv 1 0 0\nv 0 1 0\nvn 0 0 1\nvt 0.5 1\nvt nan x\nf 1/1 2/-1/1 3\n";
-        let found = checked(text, true);
+        let found = parsed(text, true);
+        let part = &found.groups[0].part;
         assert_eq!(found.coloured, 1);
-        assert!(found.text.starts_with("vt 0 0\nvn 0 0 0\n"), "{}", found.text);
-        assert!(found.text.contains("vt 0.5 1\nvt 0 0\n") && found.text.ends_with("f 1/2/1 2/3/2 3/1/1\n"));
-        let without = checked(text, false).text;
-        assert!(!without.contains("vt") && without.ends_with("f 1//1 2//2 3//1\n"), "{without}");
+        assert_eq!(part.uvs, [Vec2::new(0.5, 0.0), Vec2::Y, Vec2::Y]);
+        assert_eq!(part.normals, [Vec3::ZERO, Vec3::Z, Vec3::ZERO]);
+        assert!(parsed(text, false).groups[0].part.uvs.is_empty());
     }
 }
