@@ -7,7 +7,6 @@
 
 use glam::Vec3;
 
-use crate::limits::PATH_POSITIONS_MAX;
 use crate::{Camera, Scene, probe};
 
 /// A flight from the first key camera to the last.
@@ -18,41 +17,15 @@ pub struct CameraPath {
     moments: Vec<f32>,
 }
 
-/// Why keys make no path.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum CameraPathError {
-    /// No key at all.
-    #[error("a camera path needs at least one key camera")]
-    NoKeys,
-    /// A key with a number that is not finite.
-    #[error("key camera {key} of the path has a number that is not finite; leave it out")]
-    NotFinite {
-        /// Its index.
-        key: usize,
-    },
-    /// More positions than the limit.
-    #[error("{count} positions of a camera path are more than the limit of {PATH_POSITIONS_MAX}")]
-    TooMany {
-        /// The number that was asked for.
-        count: usize,
-    },
-}
-
 impl CameraPath {
-    /// A path through keys, in order.
-    pub fn new(keys: Vec<Camera>) -> Result<Self, CameraPathError> {
-        if keys.is_empty() {
-            return Err(CameraPathError::NoKeys);
-        }
-        let finite = |camera: &Camera| {
-            camera.position.is_finite()
-                && camera.target.is_finite()
-                && camera.up.is_finite()
-                && camera.vertical_fov_deg.is_finite()
-        };
-        if let Some(key) = keys.iter().position(|camera| !finite(camera)) {
-            return Err(CameraPathError::NotFinite { key });
-        }
+    /// The path of a scene: through its hand-laid keys if it has them, else a gentle swing around its first
+    /// camera that comes back to where it began.
+    pub fn of(scene: &Scene) -> Self {
+        Self::through(if scene.path_keys.is_empty() { swing(scene) } else { scene.path_keys.clone() })
+    }
+
+    /// A path through keys, in order; at least one.
+    fn through(keys: Vec<Camera>) -> Self {
         // Centripetal: time goes with the root of the distance. The target counts too, lest a camera that
         // only looks round does so in no time.
         let mut moments = vec![0.0_f32];
@@ -69,25 +42,7 @@ impl CameraPath {
             let last = (keys.len() - 1).max(1) as f32;
             moments = (0..keys.len()).map(|index| index as f32 / last).collect();
         }
-        Ok(Self { keys, moments })
-    }
-
-    /// The path of a scene: through its hand-laid keys if it has them, else a gentle swing around its first
-    /// camera that comes back to where it began.
-    pub fn of(scene: &Scene) -> Self {
-        let keys = if scene.path_keys.is_empty() { swing(scene) } else { scene.path_keys.clone() };
-        // Scenes hold finite cameras, at least one; the first camera alone is a path as well.
-        Self::new(keys).unwrap_or_else(|_| Self { keys: vec![STILL], moments: vec![0.0] })
-    }
-
-    /// The cameras it passes through.
-    pub fn keys(&self) -> &[Camera] {
-        &self.keys
-    }
-
-    /// The moments, 0 to 1, at which it passes through them.
-    pub fn moments(&self) -> &[f32] {
-        &self.moments
+        Self { keys, moments }
     }
 
     /// The camera at a moment from 0 (first key) to 1 (last key); moments outside are clamped, and NaN counts
@@ -111,22 +66,7 @@ impl CameraPath {
             framed_aspect: self.keys[along.around[1]].framed_aspect,
         }
     }
-
-    /// `count` cameras at even moments, the first and the last key included. The paper uses 100.
-    ///
-    /// # Errors
-    /// [`CameraPathError::TooMany`] beyond [`PATH_POSITIONS_MAX`].
-    pub fn positions(&self, count: usize) -> Result<Vec<Camera>, CameraPathError> {
-        if count > PATH_POSITIONS_MAX {
-            return Err(CameraPathError::TooMany { count });
-        }
-        let last = count.saturating_sub(1).max(1) as f32;
-        Ok((0..count).map(|index| self.sample(index as f32 / last)).collect())
-    }
 }
-
-/// The camera of a path without any usable key.
-const STILL: Camera = Camera::upright(Vec3::Z, Vec3::ZERO, 45.0);
 
 /// A place between two keys, as a cubic with the slopes of the spline at both.
 struct Segment {
@@ -187,9 +127,7 @@ const FREE: f32 = 0.5;
 
 /// Keys of a swing to the left and right, with a step forward between, that stays clear of walls.
 fn swing(scene: &Scene) -> Vec<Camera> {
-    let Some(first) = scene.cameras.first().copied() else {
-        return Vec::new();
-    };
+    let first = scene.cameras[0];
     let bounds = scene.bounds();
     let [right, up, forward] = first.axes();
     let reach = first.target.distance(first.position).min(bounds.diagonal()) * SWING;
@@ -225,34 +163,28 @@ mod tests {
         Camera::upright(Vec3::new(x, y, z), Vec3::new(z, x, y), 30.0 + x.abs())
     }
 
-    #[test]
-    fn a_path_needs_finite_keys() {
-        assert_eq!(CameraPath::new(vec![]), Err(CameraPathError::NoKeys));
-        let bad = camera(0.0, f32::NAN, 0.0);
-        assert_eq!(
-            CameraPath::new(vec![camera(0.0, 0.0, 0.0), bad]),
-            Err(CameraPathError::NotFinite { key: 1 })
-        );
+    /// Cameras at even moments, the first and the last key included.
+    fn positions(path: &CameraPath, count: usize) -> Vec<Camera> {
+        (0..count).map(|index| path.sample(index as f32 / (count - 1) as f32)).collect()
     }
 
     #[test]
     fn one_key_and_equal_keys_stand_still() {
         let key = camera(1.0, 2.0, 3.0);
         for keys in [vec![key], vec![key; 4]] {
-            let path = CameraPath::new(keys).unwrap();
-            assert!(path.positions(7).unwrap().iter().all(|sample| sample.position == key.position));
+            let path = CameraPath::through(keys);
+            assert!(positions(&path, 7).iter().all(|sample| sample.position == key.position));
         }
     }
 
     #[test]
     fn a_straight_line_is_walked_straight_on() {
-        let path = CameraPath::new((0..4).map(|x| camera(x as f32, 0.0, 0.0)).collect()).unwrap();
-        let walked = path.positions(31).unwrap();
+        let path = CameraPath::through((0..4).map(|x| camera(x as f32, 0.0, 0.0)).collect());
+        let walked = positions(&path, 31);
         for pair in walked.windows(2) {
             assert!((pair[1].position.x - pair[0].position.x - 0.1).abs() < 1e-4);
             assert!(pair[0].position.y.abs() < 1e-6);
         }
-        assert!(path.positions(PATH_POSITIONS_MAX + 1).is_err());
         assert_eq!(path.sample(f32::NAN), path.sample(-3.0));
     }
 
@@ -261,8 +193,7 @@ mod tests {
         let scene = builtin::build("quick", &builtin::Options { detail: 0.2, ..builtin::Options::default() })
             .unwrap();
         let path = CameraPath::of(&scene);
-        assert_eq!(path.keys(), scene.path_keys);
-        assert_eq!(path.positions(100).unwrap().len(), 100);
+        assert_eq!(path.keys, scene.path_keys);
     }
 
     #[test]
@@ -272,7 +203,7 @@ mod tests {
                 .unwrap();
         scene.path_keys.clear();
         let bounds = scene.bounds();
-        let samples = CameraPath::of(&scene).positions(100).unwrap();
+        let samples = positions(&CameraPath::of(&scene), 100);
         assert!(samples.iter().all(|sample| bounds.contains(sample.position)));
         assert!(samples[0].position.distance(samples[99].position) < 1e-4);
         assert!(samples.iter().any(|sample| sample.position.distance(samples[0].position) > 0.2));
@@ -282,8 +213,8 @@ mod tests {
         #[test]
         fn every_key_is_passed(coordinates in proptest::collection::vec((-50.0_f32..50.0, -5.0_f32..5.0, -50.0_f32..50.0), 1..8)) {
             let keys: Vec<Camera> = coordinates.into_iter().map(|(x, y, z)| camera(x, y, z)).collect();
-            let path = CameraPath::new(keys.clone()).unwrap();
-            for (key, moment) in keys.iter().zip(path.moments()) {
+            let path = CameraPath::through(keys.clone());
+            for (key, moment) in keys.iter().zip(&path.moments) {
                 let sample = path.sample(*moment);
                 prop_assert!(sample.position.distance(key.position) < 1e-3);
                 prop_assert!(sample.target.distance(key.target) < 1e-3);
@@ -293,8 +224,8 @@ mod tests {
 
         #[test]
         fn nothing_jumps(coordinates in proptest::collection::vec((-50.0_f32..50.0, -5.0_f32..5.0, -50.0_f32..50.0), 2..8)) {
-            let path = CameraPath::new(coordinates.into_iter().map(|(x, y, z)| camera(x, y, z)).collect()).unwrap();
-            let fine = path.positions(2001).unwrap();
+            let path = CameraPath::through(coordinates.into_iter().map(|(x, y, z)| camera(x, y, z)).collect());
+            let fine = positions(&path, 2001);
             let length: f32 = fine.windows(2).map(|pair| pair[0].position.distance(pair[1].position)).sum();
             for pair in fine.windows(2) {
                 prop_assert!(pair[0].position.distance(pair[1].position) <= length * 0.02 + 1e-3);

@@ -48,9 +48,6 @@ pub const CAMERAS_MAX: usize = 256;
 /// triangles, and the one of instances places 80 million.
 pub const DETAIL_RANGE: std::ops::RangeInclusive<f32> = 0.001..=8.0;
 
-/// Most positions sampled along a camera path at once.
-pub const PATH_POSITIONS_MAX: usize = 1 << 20;
-
 /// Most lights without size taken from a file.
 pub const PUNCTUAL_LIGHTS_MAX: usize = 1 << 16;
 
