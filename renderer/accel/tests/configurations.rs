@@ -192,18 +192,6 @@ fn reinsertion_and_the_optimal_collapse_make_trees_cheaper() {
 }
 
 #[test]
-fn a_tree_that_would_be_too_deep_is_infeasible() {
-    let triangles = scenes::soup(20_000, 0.01, 25);
-    let shallow = TreeParameters { max_depth: 9, max_leaf_size: 1, ..TreeParameters::default() };
-    let error =
-        build(&device(), &triangles, &BuildChoice::Tree(shallow)).expect_err("2^9 leaves are too few");
-    assert_eq!(error, BuildError::DepthLimit { max_depth: 9 });
-    assert!(error.is_infeasible());
-    // The failure leaves nothing behind: the next build is well.
-    Case::new(scenes::soup(500, 0.1, 26), 27).check(&TreeParameters::default());
-}
-
-#[test]
 fn invalid_parameters_are_refused_before_anything_is_built() {
     let triangles = scenes::soup(10, 0.1, 28);
     let wrong = TreeParameters { branching_factor: 16, ..TreeParameters::default() };

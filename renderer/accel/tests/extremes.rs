@@ -12,25 +12,12 @@ use treewright_accel::{
 mod scenes;
 
 use scenes::back_ends::{self, device, each};
-use scenes::verdict::Verdict;
+use scenes::verdict::{Verdict, hold, verdicts};
 
-/// Asks every back end about every ray. At least `clear` of the rays in a hundred must have one right answer,
-/// or the case would say nothing.
+/// Asks every back end about every ray.
 fn check(name: &str, triangles: &Arc<Triangles>, rays: &[Ray], clear: usize) {
-    let verdicts: Vec<Verdict> = rays.iter().map(|ray| Verdict::of(triangles, ray)).collect();
-    let decided = verdicts.iter().filter(|verdict| verdict.is_clear()).count();
-    assert!(decided * 100 >= clear * rays.len(), "{name}: only {decided} of {} rays are clear", rays.len());
-    assert!(clear == 0 || verdicts.iter().any(Verdict::must_hit), "{name}: no ray must hit anything");
-    each(triangles, |what, structure| {
-        for (ray, verdict) in rays.iter().zip(&verdicts) {
-            if let Some(objection) = verdict.objection(structure.closest(ray)) {
-                panic!("{name}, {what}: {ray:?}: {objection}");
-            }
-            if let Some(objection) = verdict.occlusion_objection(structure.occluded(ray)) {
-                panic!("{name}, {what}: {ray:?}: {objection}");
-            }
-        }
-    });
+    let verdicts = verdicts(name, triangles, rays, clear);
+    each(triangles, |what, structure| hold(&format!("{name}, {what}"), structure, rays, &verdicts));
 }
 
 /// Rays from a sphere around a point towards points near it.

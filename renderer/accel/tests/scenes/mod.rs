@@ -156,13 +156,7 @@ pub(crate) fn same_distance(expected: Option<Hit>, found: Option<Hit>, tolerance
 
 /// Whether rounding may decide about the ray where objects move or are placed. Ways into an object's space
 /// and back round at the magnitude of everything on the way.
-pub(crate) fn is_close_call(corners: [Vec3A; 3], ray: &Ray, hit: &Hit) -> bool {
-    passes_closely(corners, ray, hit, 2e-5, 1e-4)
-}
-
-/// Whether a ray passes an edge within `aside` of all lengths, or an end of its segment within `along` of its
-/// own.
-pub(crate) fn passes_closely([a, b, c]: [Vec3A; 3], ray: &Ray, hit: &Hit, aside: f64, along: f64) -> bool {
+pub(crate) fn is_close_call([a, b, c]: [Vec3A; 3], ray: &Ray, hit: &Hit) -> bool {
     let [a, b, c] = [a, b, c].map(Vec3A::as_dvec3);
     let (origin, direction) = (ray.origin.as_dvec3(), ray.direction.as_dvec3());
     let weights = [hit.u, hit.v, 1.0 - hit.u - hit.v].map(f64::from);
@@ -174,5 +168,5 @@ pub(crate) fn passes_closely([a, b, c]: [Vec3A; 3], ray: &Ray, hit: &Hit, aside:
     let reach = origin.length() + a.length() + b.length() + c.length();
     let t = f64::from(hit.t);
     let ends = (t - f64::from(ray.t_min)).abs().min((t - f64::from(ray.t_max)).abs());
-    inside < aside * reach || ends < along * (1.0 + t)
+    inside < 2e-5 * reach || ends < 1e-4 * (1.0 + t)
 }

@@ -9,7 +9,7 @@
 #![allow(dead_code, reason = "each user takes some of it")]
 
 use glam::Vec3A;
-use treewright_accel::{Hit, Ray, Triangles};
+use treewright_accel::{Hit, Intersector, Ray, Triangles};
 
 /// Roundings that add up in one triple product or box test.
 const ROUNDINGS: f64 = 12.0;
@@ -93,6 +93,26 @@ impl Verdict {
             false if self.must_hit() => Some("not occluded, though something is there".into()),
             _ => None,
         }
+    }
+}
+
+/// Verdicts on rays. At least `clear` of them in a hundred must have one right answer, or they would say
+/// nothing.
+pub(crate) fn verdicts(name: &str, triangles: &Triangles, rays: &[Ray], clear: usize) -> Vec<Verdict> {
+    let verdicts: Vec<Verdict> = rays.iter().map(|ray| Verdict::of(triangles, ray)).collect();
+    let decided = verdicts.iter().filter(|verdict| verdict.is_clear()).count();
+    assert!(decided * 100 >= clear * rays.len(), "{name}: only {decided} of {} rays are clear", rays.len());
+    assert!(clear == 0 || verdicts.iter().any(Verdict::must_hit), "{name}: no ray must hit anything");
+    verdicts
+}
+
+/// Holds the answers of a structure against the verdicts on these rays.
+pub(crate) fn hold(what: &str, structure: &dyn Intersector, rays: &[Ray], verdicts: &[Verdict]) {
+    for (ray, verdict) in rays.iter().zip(verdicts) {
+        let objection = verdict
+            .objection(structure.closest(ray))
+            .or_else(|| verdict.occlusion_objection(structure.occluded(ray)));
+        assert_eq!(objection, None, "{what}: {ray:?}");
     }
 }
 
