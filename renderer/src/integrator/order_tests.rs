@@ -180,7 +180,7 @@ fn no_omission_changes_the_picture() {
                     structure.visit(Render { prepared: &prepared, options, needs, bounces }).0
                 };
                 let least = render(prepared.needs);
-                for needs in prepared.needs.omissions().iter().map(|one| one.put_back).chain([Needs::ALL]) {
+                for needs in prepared.needs.one_more().chain([Needs::ALL]) {
                     assert!(render(needs) == least, "{}: {needs:?}, {bounces} bounces", scene.name);
                     omitted += 1;
                 }
