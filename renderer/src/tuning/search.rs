@@ -2,8 +2,8 @@
 //!
 //! A build that fails is an outcome like any other, and the frame is skipped. A daemon that is away costs one
 //! deadline at most, and the frame is rendered with the last good configuration. Nobody looks at the frames
-//! of a search, so a frame that costs more than its trial is allowed ([`Suggestion::abort_above`]) is left
-//! unfinished.
+//! of a search, so a frame that costs more than its trial is allowed
+//! ([`abort_above`](treewright_client::Suggestion::abort_above)) is left unfinished.
 
 use std::sync::Arc;
 use std::time::Instant;
@@ -12,7 +12,7 @@ use serde::Serialize;
 use treewright_accel::BuildError;
 use treewright_client::{
     ClientError, Configuration, Finished, FrameSet, FrameSetResult, Indicators, Measurements, Mode, OpenEnum,
-    Outcome, Rule, Source, Suggestion,
+    Outcome, Rule, Source,
 };
 
 use super::objective::{
@@ -186,15 +186,22 @@ pub(super) fn trials(
         let waiting_ms = milliseconds(begin);
         let (configuration, cap_ms) = (suggestion.configuration(), suggestion.abort_above());
         let (outcome, times) = trial(renderer, configuration, cap_ms, setting, &mut film);
-        let iteration = describe(
+        let iteration = Iteration {
             number,
-            &suggestion,
-            setting.objective,
-            &outcome,
+            trial: suggestion.trial().map(str::to_owned),
+            mode: suggestion.mode(),
+            source: suggestion.source(),
+            reason: suggestion.reason().summary.clone(),
+            step: suggestion.reason().step.clone(),
+            rule: suggestion.reason().explanation.rule,
+            configuration: configuration.clone(),
+            predicted_cost: suggestion.predicted_cost(),
+            outcome: outcome.clone(),
             times,
+            cost: times.map(|times| setting.objective.cost(times)),
             waiting_ms,
-            milliseconds(begin),
-        );
+            total_ms: milliseconds(begin),
+        };
         previous = Some(suggestion.finished(setting.measurements(times), outcome)?);
         let go_on = on_iteration(&iteration);
         all.push(iteration);
@@ -405,33 +412,6 @@ pub fn measurements(times: Option<FrameTimes>, frames: u32, objective: Objective
             always.into_iter().chain(known).chain(some).chain(noise).collect()
         }
         None => Measurements::new(),
-    }
-}
-
-fn describe(
-    number: u32,
-    suggestion: &Suggestion,
-    objective: Objective,
-    outcome: &Outcome,
-    times: Option<FrameTimes>,
-    waiting_ms: f64,
-    total_ms: f64,
-) -> Iteration {
-    Iteration {
-        number,
-        trial: suggestion.trial().map(str::to_owned),
-        mode: suggestion.mode(),
-        source: suggestion.source(),
-        reason: suggestion.reason().summary.clone(),
-        step: suggestion.reason().step.clone(),
-        rule: suggestion.reason().explanation.rule,
-        configuration: suggestion.configuration().clone(),
-        predicted_cost: suggestion.predicted_cost(),
-        outcome: outcome.clone(),
-        times,
-        cost: times.map(|times| objective.cost(times)),
-        waiting_ms,
-        total_ms,
     }
 }
 
