@@ -60,17 +60,8 @@ pub struct Conditions {
 pub struct Measured {
     /// The contender.
     pub who: Who,
-    /// The build behind each frame; the last one where there are fewer than frames.
-    pub build_ms: Vec<f64>,
-    /// Each frame, in the order of rounds.
-    pub render_ms: Vec<f64>,
-    /// Each build without the time in which its threads waited for a processor; nothing where that is not
-    /// known.
-    pub undelayed_build_ms: Vec<f64>,
-    /// The undelayed time of each frame.
-    pub undelayed_render_ms: Vec<f64>,
-    /// Samples a pixel to the error, round by round; empty where only time counts.
-    pub samples_to_error: Vec<f64>,
+    /// Each frame with the build behind it, in the order of rounds.
+    pub frames: Vec<FrameTimes>,
     /// Memory of the structure that was built last, in bytes.
     pub structure_bytes: Option<usize>,
     /// Why there is nothing, if the structure cannot be built.
@@ -126,43 +117,6 @@ impl Standing {
     }
 }
 
-impl Measured {
-    /// Each frame with its build; a structure that was built once counts for each of its frames.
-    pub fn times(&self) -> Vec<FrameTimes> {
-        with_builds(&self.build_ms, &self.render_ms)
-    }
-
-    /// Time of each round's frame with its share of the build.
-    fn frame_ms(&self, frames_per_build: u32) -> Vec<f64> {
-        self.costs(&self.times(), frames_per_build)
-    }
-
-    /// Frame times without the time in which threads waited for a processor, as far as that is known.
-    fn undelayed_ms(&self, frames_per_build: u32) -> Vec<f64> {
-        if self.undelayed_render_ms.len() != self.render_ms.len() {
-            return self.frame_ms(frames_per_build);
-        }
-        let times = with_builds(&self.undelayed_build_ms, &self.undelayed_render_ms);
-        self.costs(&times, frames_per_build)
-    }
-
-    fn costs(&self, times: &[FrameTimes], frames_per_build: u32) -> Vec<f64> {
-        let all = times.iter().map(|times| frame_cost(*times, frames_per_build));
-        match self.samples_to_error.as_slice() {
-            [] => all.collect(),
-            samples => all.zip(samples).map(|(cost, samples)| cost * samples).collect(),
-        }
-    }
-}
-
-fn with_builds(build_ms: &[f64], render_ms: &[f64]) -> Vec<FrameTimes> {
-    let Some(&last) = build_ms.last() else {
-        return Vec::new();
-    };
-    let builds = build_ms.iter().copied().chain(std::iter::repeat(last));
-    builds.zip(render_ms).map(|(build_ms, &render_ms)| FrameTimes::of(build_ms, render_ms)).collect()
-}
-
 impl Conditions {
     fn build_each_round(&self) -> bool {
         self.frames_per_build == 1
@@ -199,11 +153,10 @@ pub fn interleaved(
     contenders.iter().zip(&place).map(of).collect()
 }
 
-/// A built contender.
+/// A built contender, and the times of its build.
 struct Built {
     structure: Structure,
-    build_ms: f64,
-    undelayed_build_ms: f64,
+    times: FrameTimes,
 }
 
 impl Built {
@@ -213,7 +166,7 @@ impl Built {
         let build_ms = build_ms + learning.of(&choice.light);
         let times = FrameTimes::of(build_ms, 0.0);
         let times = times.with_threads(renderer.threads(), threads, ThreadTimes::default());
-        Ok(Built { structure, build_ms, undelayed_build_ms: times.undelayed().build_ms })
+        Ok(Built { structure, times })
     }
 }
 
@@ -265,16 +218,10 @@ fn in_turns(
                 rebuilt.and_then(|()| frame(renderer, &mut built.structure, choice, conditions, &mut film));
             match times {
                 Ok(times) if round > 0 => {
-                    let (one, undelayed) = (&mut measured[index], times.undelayed());
-                    let (build_ms, undelayed_build_ms) = match conditions.build_each_round() {
-                        true => (times.build_ms, undelayed.build_ms),
-                        false => (built.build_ms, built.undelayed_build_ms),
-                    };
-                    one.build_ms.push(build_ms);
-                    one.undelayed_build_ms.push(undelayed_build_ms);
-                    one.render_ms.push(times.render_ms);
-                    one.undelayed_render_ms.push(undelayed.render_ms);
-                    one.samples_to_error.extend(times.noise.map(|noise| noise.samples_to_error));
+                    let FrameTimes { build_ms, build_cpu_ms, build_delay_ms, .. } =
+                        if conditions.build_each_round() { times } else { built.times };
+                    let times = FrameTimes { build_ms, build_cpu_ms, build_delay_ms, ..times };
+                    measured[index].frames.push(times);
                 }
                 Ok(_) => {}
                 Err(reason) => {
@@ -348,20 +295,25 @@ pub fn delay_note(standings: &[Standing]) -> Option<String> {
 
 /// Compares all contenders with the first one.
 pub fn standings(measured: &[Measured], frames_per_build: u32) -> Vec<Standing> {
-    let first = measured.first().map(|first| first.undelayed_ms(frames_per_build)).unwrap_or_default();
+    let cost = |times: FrameTimes| frame_cost(times, frames_per_build);
+    let undelayed_ms =
+        |one: &Measured| -> Vec<f64> { one.frames.iter().map(|times| cost(times.undelayed())).collect() };
+    let first = measured.first().map(undelayed_ms).unwrap_or_default();
     measured
         .iter()
         .map(|one| {
-            let (frame_ms, undelayed_ms) =
-                (one.frame_ms(frames_per_build), one.undelayed_ms(frames_per_build));
+            let each = |of: &dyn Fn(FrameTimes) -> f64| -> Vec<f64> {
+                one.frames.iter().map(|times| of(*times)).collect()
+            };
+            let (rounds_ms, undelayed_ms) = (each(&cost), undelayed_ms(one));
             Standing {
                 who: one.who.clone(),
                 variant: None,
-                build_ms: Summary::of(&one.build_ms),
-                render_ms: Summary::of(&one.render_ms),
-                frame_ms: Summary::of(&frame_ms),
+                build_ms: Summary::of(&each(&|times| times.build_ms)),
+                render_ms: Summary::of(&each(&|times| times.render_ms)),
+                frame_ms: Summary::of(&rounds_ms),
                 speedup: Summary::of_ratios(&first, &undelayed_ms),
-                rounds_ms: frame_ms,
+                rounds_ms,
                 undelayed_ms,
                 structure_bytes: one.structure_bytes,
                 failure: one.failure.clone(),
@@ -380,14 +332,12 @@ mod tests {
 
     #[test]
     fn speedups_are_those_of_pairs() {
-        let one = |name: &str, build_ms: &[f64], render_ms: &[f64]| Measured {
+        let one = |name: &str, build_ms: f64, render_ms: [f64; 3]| Measured {
             who: Who::Named(name.to_owned().into()),
-            build_ms: build_ms.into(),
-            render_ms: render_ms.into(),
+            frames: render_ms.map(|render_ms| FrameTimes::of(build_ms, render_ms)).into(),
             ..Measured::default()
         };
-        let measured =
-            [one("default", &[10.0], &[20.0, 40.0, 30.0]), one("tuned", &[5.0], &[10.0, 20.0, 15.0])];
+        let measured = [one("default", 10.0, [20.0, 40.0, 30.0]), one("tuned", 5.0, [10.0, 20.0, 15.0])];
         let built_once = standings(&measured, 1000);
         assert_eq!(built_once[0].speedup.median, 1.0);
         assert_eq!(
@@ -412,22 +362,15 @@ mod tests {
 
     #[test]
     fn ratios_leave_out_what_frames_waited_for() {
-        let loaded = Measured {
-            who: Who::Named("loaded".into()),
-            build_ms: vec![10.0],
-            render_ms: vec![30.0, 60.0],
-            undelayed_build_ms: vec![10.0],
-            undelayed_render_ms: vec![30.0, 30.0],
-            samples_to_error: Vec::new(),
-            structure_bytes: None,
-            failure: None,
-        };
-        let quiet = Measured {
-            who: Who::Named("quiet".into()),
-            build_ms: vec![10.0],
-            render_ms: vec![40.0, 40.0],
+        let (render_cpu_ms, render_delay_ms) = (Some(30.0), Some(30.0));
+        let waited = FrameTimes { render_cpu_ms, render_delay_ms, ..FrameTimes::of(10.0, 60.0) };
+        let one = |name: &'static str, frames: [FrameTimes; 2]| Measured {
+            who: Who::Named(name.into()),
+            frames: frames.into(),
             ..Measured::default()
         };
+        let loaded = one("loaded", [FrameTimes::of(10.0, 30.0), waited]);
+        let quiet = one("quiet", [FrameTimes::of(10.0, 40.0); 2]);
         let all = standings(&[loaded, quiet], 1);
         assert_eq!((&all[0].rounds_ms, &all[0].undelayed_ms), (&vec![40.0, 70.0], &vec![40.0, 40.0]));
         assert_eq!(all[0].gain_over(&all[1]).median, 1.25);
@@ -453,10 +396,10 @@ mod tests {
         let contenders = [Contender { who: Who::Found, choice }];
         let all = interleaved(&mut renderer, &contenders, &conditions, || true);
         let [one] = all.as_slice() else { panic!("one was measured") };
-        assert_eq!((one.render_ms.len(), one.build_ms.len(), one.undelayed_build_ms.len()), (4, 4, 4));
+        assert_eq!(one.frames.len(), 4);
         assert!(one.structure_bytes.is_some_and(|bytes| bytes > 0));
         // Two builds take the same number of nanoseconds now and then, four of them do not.
-        assert!(one.build_ms.iter().any(|build_ms| *build_ms != one.build_ms[0]), "{:?}", one.build_ms);
+        assert!(one.frames.iter().any(|times| times.build_ms != one.frames[0].build_ms), "{:?}", one.frames);
     }
 
     #[test]
@@ -469,7 +412,7 @@ mod tests {
         let all = interleaved(&mut renderer, &contenders, &conditions, || true);
         let names: Vec<String> = all.iter().map(|one| one.who.to_string()).collect();
         assert_eq!(names, ["a", "b", "c"]);
-        assert_eq!(all[0].render_ms, all[2].render_ms);
-        assert!(all[0].render_ms.len() == 2 && all[0].render_ms != all[1].render_ms);
+        assert_eq!(all[0].frames, all[2].frames);
+        assert!(all[0].frames.len() == 2 && all[0].frames != all[1].frames);
     }
 }

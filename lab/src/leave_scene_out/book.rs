@@ -104,7 +104,8 @@ pub(crate) struct RecordedContender {
 
 impl RecordedContender {
     pub(crate) fn new(measured: Measured, configuration: Option<Configuration>) -> Self {
-        let Measured { who, build_ms, render_ms, failure, .. } = measured;
+        let Measured { who, frames, failure, .. } = measured;
+        let (build_ms, render_ms) = frames.iter().map(|times| (times.build_ms, times.render_ms)).unzip();
         Self { who, configuration, build_ms, render_ms, failure }
     }
 

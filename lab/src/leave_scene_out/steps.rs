@@ -135,7 +135,8 @@ impl Stage {
         let measured =
             interleaved(&mut self.renderer, &contenders, &conditions, || !self.interrupt.requested());
         let native = measured.iter().find(|one| one.who == NATIVE_DEFAULT);
-        let times = native.map(|one| one.render_ms.clone()).unwrap_or_default();
+        let times: Vec<f64> =
+            native.iter().flat_map(|one| &one.frames).map(|times| times.render_ms).collect();
         let disturbance = watch.end(self.renderer.threads(), &times);
         let contenders = measured
             .into_iter()

@@ -327,8 +327,13 @@ mod tests {
     }
 
     fn measured(who: Who, render_ms: f64) -> Measured {
-        let rounds = (0..9).map(|round| render_ms * (1.0 + 0.01 * f64::from(round))).collect();
-        Measured { who, build_ms: vec![2.0], render_ms: rounds, ..Measured::default() }
+        let rounds = (0..9).map(|round| render_ms * (1.0 + 0.01 * f64::from(round)));
+        of_rounds(who, &rounds.collect::<Vec<f64>>())
+    }
+
+    fn of_rounds(who: Who, rounds_ms: &[f64]) -> Measured {
+        let frames = rounds_ms.iter().map(|render_ms| FrameTimes::of(2.0, *render_ms)).collect();
+        Measured { who, frames, ..Measured::default() }
     }
 
     fn table<const N: usize>(frames: [(Who, f64); N]) -> Vec<Standing> {
@@ -391,30 +396,24 @@ mod tests {
 
     #[test]
     fn a_lucky_few_rounds_replace_nothing() {
-        let of = |who: Who, rounds_ms: &[f64]| Measured {
-            who,
-            build_ms: vec![2.0],
-            render_ms: rounds_ms.to_vec(),
-            ..Measured::default()
-        };
-        let start = of(Who::BestFixed, &[30.0; 9]);
+        let start = of_rounds(Who::BestFixed, &[30.0; 9]);
         // Faster in five rounds of nine.
         let lucky = [26.0, 27.0, 26.0, 28.0, 29.0, 31.0, 33.0, 36.0, 34.0];
         let low = Who::Native(NativeQuality::Low);
-        let native = [start.clone(), of(low.clone(), &lucky), of(Who::Found, &[30.5; 9])];
+        let native = [start.clone(), of_rounds(low.clone(), &lucky), of_rounds(Who::Found, &[30.5; 9])];
         assert_eq!(crown(&mut standings(&native, 1000), &Who::BestFixed, false, |_| true), Who::BestFixed);
-        let found = [start.clone(), of(Who::Found, &lucky)];
+        let found = [start.clone(), of_rounds(Who::Found, &lucky)];
         assert_eq!(crown(&mut standings(&found, 1000), &Who::BestFixed, false, |_| true), Who::BestFixed);
         // A result that the service's own race has proven needs no second proof, but no contradiction either.
         assert_eq!(crown(&mut standings(&found, 1000), &Who::BestFixed, true, |_| true), Who::Tuned);
-        let slower = [start.clone(), of(Who::Found, &[31.0; 9])];
+        let slower = [start.clone(), of_rounds(Who::Found, &[31.0; 9])];
         assert_eq!(crown(&mut standings(&slower, 1000), &Who::BestFixed, true, |_| true), Who::BestFixed);
         // Fewer rounds than have an interval show nothing.
-        let few = [of(Who::BestFixed, &[30.0; 5]), of(Who::Found, &[20.0; 5])];
+        let few = [of_rounds(Who::BestFixed, &[30.0; 5]), of_rounds(Who::Found, &[20.0; 5])];
         assert_eq!(crown(&mut standings(&few, 1000), &Who::BestFixed, false, |_| true), Who::BestFixed);
         // A start that cannot be built is never chosen.
-        let broken = Measured { failure: Some("out of memory".into()), ..of(Who::BestFixed, &[]) };
-        let alone = [broken, of(low, &[40.0; 9]), of(Who::Found, &[31.0; 9])];
+        let broken = Measured { failure: Some("out of memory".into()), ..of_rounds(Who::BestFixed, &[]) };
+        let alone = [broken, of_rounds(low, &[40.0; 9]), of_rounds(Who::Found, &[31.0; 9])];
         assert_eq!(crown(&mut standings(&alone, 1000), &Who::BestFixed, false, |_| true), Who::Tuned);
         assert_eq!(crown(&mut [], &Who::BestFixed, false, |_| true), Who::Nobody);
     }

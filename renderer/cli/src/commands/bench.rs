@@ -214,5 +214,5 @@ fn select(contenders: &mut Vec<Contender>, only: &[String]) -> Result<(), CliErr
 
 /// Number of rounds that all contenders have run.
 fn rounds(measured: &[Measured]) -> usize {
-    measured.iter().filter(|one| one.failure.is_none()).map(|one| one.render_ms.len()).min().unwrap_or(0)
+    measured.iter().filter(|one| one.failure.is_none()).map(|one| one.frames.len()).min().unwrap_or(0)
 }

@@ -40,8 +40,7 @@ fn iteration(number: u32, render_ms: Option<f64>) -> Iteration {
 fn results(tuned_ms: f64, scene: &str) -> TuningResults {
     let measured = |who: Who, render_ms: f64| Measured {
         who,
-        build_ms: vec![20.0],
-        render_ms: vec![render_ms; 9],
+        frames: vec![FrameTimes::of(20.0, render_ms); 9],
         ..Measured::default()
     };
     let side_by_side = [
