@@ -9,10 +9,7 @@ use clap::Args;
 use serde::Serialize;
 use treewright_client::Configuration;
 
-use crate::arguments::{
-    CameraArguments, FrameArguments, NamedConfiguration, SceneArguments, Size, SpaceArguments, note_retired,
-    read_configuration,
-};
+use crate::arguments::{NamedConfiguration, SpaceArguments, ViewArguments, note_retired, read_configuration};
 use crate::error::{CliError, write_file};
 use crate::interrupt::Interrupt;
 use crate::output;
@@ -30,12 +27,7 @@ use treewright_renderer::tuning::who::Who;
 #[derive(Args, Clone, Debug)]
 pub(crate) struct Arguments {
     #[command(flatten)]
-    scene: SceneArguments,
-    #[command(flatten)]
-    camera: CameraArguments,
-    #[command(flatten)]
-    frame: FrameArguments,
-
+    view: ViewArguments,
     #[command(flatten)]
     space: SpaceArguments,
 
@@ -51,10 +43,6 @@ pub(crate) struct Arguments {
     /// Measure only these, e.g. "native Embree default,native used well,tuned". Default: all.
     #[arg(long, value_name = "NAME,…", value_delimiter = ',')]
     only: Vec<String>,
-
-    /// Size in pixels.
-    #[arg(long, value_name = "WIDTHxHEIGHT", default_value = "320x240")]
-    size: Size,
 
     /// Number of measurements of each.
     #[arg(long, value_name = "N", default_value_t = 21, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..=i64::from(ROUNDS_MAX)))]
@@ -97,7 +85,7 @@ fn own(name: &str, space: &TuningSpace, configuration: &Configuration) -> Result
 
 /// Measures and prints.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
-    let scene = arguments.scene.load()?;
+    let scene = arguments.view.scene.load()?;
     let premises = |each_frame| Premises {
         builds_each_frame: each_frame,
         ..arguments.space.premises(&scene, Objective::Render)
@@ -119,12 +107,12 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
         contenders.push(own(name, &space, &read_configuration(path)?)?);
     }
     select(&mut contenders, &arguments.only)?;
-    let camera = arguments.camera.find(&scene)?;
-    let mut renderer = arguments.frame.renderer(&scene)?;
+    let camera = arguments.view.camera.find(&scene)?;
+    let mut renderer = arguments.view.frame.renderer(&scene)?;
     let conditions = Conditions {
-        view: arguments.frame.view(camera),
-        width: arguments.size.width,
-        height: arguments.size.height,
+        view: arguments.view.frame.view(camera),
+        width: arguments.view.size.width,
+        height: arguments.view.size.height,
         rounds: arguments.rounds,
         frames_per_build: 1,
         yardstick: Yardstick::Frame,
@@ -143,7 +131,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
         "{}: {} triangles, {}, {} threads, {} rounds\n",
         scene.name,
         scene.triangles.len(),
-        arguments.size,
+        arguments.view.size,
         renderer.threads(),
         rounds(&measured),
     );
@@ -159,7 +147,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
         let results = BenchResults {
             scene: &scene.name,
             triangles: scene.triangles.len(),
-            size: [arguments.size.width, arguments.size.height],
+            size: [arguments.view.size.width, arguments.view.size.height],
             threads: renderer.threads(),
             rounds: rounds(&measured),
             disturbance,

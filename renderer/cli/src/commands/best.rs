@@ -6,9 +6,7 @@ use clap::Args;
 use serde::Serialize;
 use treewright_client::{ClientError, Configuration};
 
-use crate::arguments::{
-    CameraArguments, FrameArguments, SceneArguments, Size, SpaceArguments, StartArguments, objective,
-};
+use crate::arguments::{SpaceArguments, StartArguments, ViewArguments, objective};
 use crate::episode_arguments::EpisodeArguments;
 use crate::error::CliError;
 use crate::narrowing::NarrowingArguments;
@@ -24,11 +22,7 @@ pub(crate) struct Arguments {
     #[command(flatten)]
     server: ServerArguments,
     #[command(flatten)]
-    scene: SceneArguments,
-    #[command(flatten)]
-    camera: CameraArguments,
-    #[command(flatten)]
-    frame: FrameArguments,
+    view: ViewArguments,
     #[command(flatten)]
     space: SpaceArguments,
     #[command(flatten)]
@@ -44,10 +38,6 @@ pub(crate) struct Arguments {
     episode: EpisodeArguments,
     #[command(flatten)]
     reuse: ReuseArguments,
-
-    /// Size in pixels.
-    #[arg(long, value_name = "WIDTHxHEIGHT", default_value = "320x240")]
-    size: Size,
 }
 
 /// The output; `image` reads it with `--config-file`, `bench` with `--contender`.
@@ -65,9 +55,9 @@ struct Answer {
 
 /// Asks and prints JSON.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
-    let client = arguments.server.connect(arguments.frame.threads)?;
-    let scene = arguments.scene.load()?;
-    let camera = arguments.camera.find(&scene)?;
+    let client = arguments.server.connect(arguments.view.frame.threads)?;
+    let scene = arguments.view.scene.load()?;
+    let camera = arguments.view.camera.find(&scene)?;
     let objective = arguments.reuse.of(arguments.objective)?;
     let recommended = arguments.space.judged_by(objective)?.of(&scene, objective)?;
     let (start, whole) = arguments.start.of(&recommended)?;
@@ -84,10 +74,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
         }
         study => study?,
     };
-    let mut workload = arguments.frame.workload(&scene, arguments.size);
+    let mut workload = arguments.view.frame.workload(&scene, arguments.view.size);
     if objective == Objective::Motion {
-        let mut renderer = arguments.frame.renderer(&scene)?;
-        let (scene, episode) = (&arguments.scene, arguments.episode);
+        let mut renderer = arguments.view.frame.renderer(&scene)?;
+        let (scene, episode) = (&arguments.view.scene, arguments.episode);
         workload.motion = episode.prepare(objective, scene, &recommended, &mut renderer)?;
     }
     workload.frames_per_build = objective.frames_asked();

@@ -51,13 +51,13 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
     }
     let candidates = arguments.candidate.iter().map(|path| read_configuration(path));
     let candidates = candidates.collect::<Result<Vec<_>, _>>()?;
-    let client = arguments.server.connect_within(arguments.frame.threads, arguments.patience())?;
-    let scene = arguments.scene.load()?;
+    let client = arguments.server.connect_within(arguments.view.frame.threads, arguments.patience())?;
+    let scene = arguments.view.scene.load()?;
     let recommended = arguments.space.of(&scene, arguments.objective)?;
     let (start, whole) = arguments.start.of(&recommended)?;
     let space = Arc::new(arguments.narrowing.of(&whole)?);
-    let camera = arguments.camera.find(&scene)?;
-    let mut renderer = arguments.frame.renderer(&scene)?;
+    let camera = arguments.view.camera.find(&scene)?;
+    let mut renderer = arguments.view.frame.renderer(&scene)?;
     let id = match &arguments.server.study {
         Some(id) => id.clone(),
         None => {
@@ -65,9 +65,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
             id + &arguments.narrowing.mark(&space) + if arguments.paper { "-as-published" } else { "" }
         }
     };
-    let mut workload = arguments.frame.workload(&scene, arguments.size);
+    let mut workload = arguments.view.frame.workload(&scene, arguments.view.size);
     workload.motion =
-        arguments.episode.prepare(arguments.objective, &arguments.scene, &recommended, &mut renderer)?;
+        arguments.episode.prepare(arguments.objective, &arguments.view.scene, &recommended, &mut renderer)?;
     workload.frames_per_build = arguments.objective.frames_asked();
     let state = workload.state(&SceneIndicators::of(&scene).with_camera(&camera));
     let study = open_study(&client, &id, &space, &state, arguments)?;
@@ -75,7 +75,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
         "Tuning {} ({} triangles) at {} for {} in the {} space, {} iterations, study {id}",
         scene.name,
         scene.triangles.len(),
-        arguments.size,
+        arguments.view.size,
         arguments.objective.about(),
         space.preset().name(),
         arguments.iterations,
@@ -87,9 +87,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
         objective: arguments.objective,
         space: Arc::clone(&space),
         baseline: baseline.choice,
-        view: arguments.frame.view(camera),
-        width: arguments.size.width,
-        height: arguments.size.height,
+        view: arguments.view.frame.view(camera),
+        width: arguments.view.size.width,
+        height: arguments.view.size.height,
         frames: arguments.frames(),
         indicators: state,
     };
@@ -188,7 +188,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
     notes.push(format!("{searched} trials searched, and {confirming} more ran the best few in turns"));
     let results = TuningResults {
         scene: facts(&scene, &renderer),
-        size: [arguments.size.width, arguments.size.height],
+        size: [arguments.view.size.width, arguments.view.size.height],
         frames_per_trial: arguments.frames(),
         objective: arguments.objective,
         space: space.preset(),
@@ -353,9 +353,9 @@ struct Judge<'a> {
 impl Judge<'_> {
     fn conditions(&self, camera: Camera) -> Conditions {
         Conditions {
-            view: self.arguments.frame.view(camera),
-            width: self.arguments.size.width,
-            height: self.arguments.size.height,
+            view: self.arguments.view.frame.view(camera),
+            width: self.arguments.view.size.width,
+            height: self.arguments.view.size.height,
             rounds: self.arguments.rounds,
             frames_per_build: self.arguments.objective.frames_per_build(),
             yardstick: self.arguments.objective.yardstick(),
@@ -440,7 +440,7 @@ impl Judge<'_> {
         if self.interrupt.requested() {
             return Ok(None);
         }
-        let camera_at = (self.arguments.camera.at.unwrap_or(0.0) + FRESH_STEP) % 1.0;
+        let camera_at = (self.arguments.view.camera.at.unwrap_or(0.0) + FRESH_STEP) % 1.0;
         let camera = CameraPath::of(scene).sample(camera_at);
         let begin = Instant::now();
         let answer =

@@ -9,10 +9,7 @@ use treewright_renderer::limits::{FRAMES_PER_TRIAL_MAX, ITERATIONS_MAX, PATIENCE
 use treewright_renderer::space::{Narrowing, Preset};
 use treewright_renderer::tuning::objective::Objective;
 
-use crate::arguments::{
-    CameraArguments, FrameArguments, SceneArguments, Size, SpaceArguments, StartArguments, objective,
-    unit_interval,
-};
+use crate::arguments::{SpaceArguments, StartArguments, ViewArguments, objective, unit_interval};
 use crate::episode_arguments::EpisodeArguments;
 use crate::error::CliError;
 use crate::narrowing::NarrowingArguments;
@@ -30,12 +27,7 @@ pub(crate) struct Arguments {
     #[command(flatten)]
     pub(super) server: ServerArguments,
     #[command(flatten)]
-    pub(super) scene: SceneArguments,
-    #[command(flatten)]
-    pub(super) camera: CameraArguments,
-    #[command(flatten)]
-    pub(super) frame: FrameArguments,
-
+    pub(super) view: ViewArguments,
     #[command(flatten)]
     pub(super) space: SpaceArguments,
     #[command(flatten)]
@@ -73,10 +65,6 @@ pub(crate) struct Arguments {
     pub(super) episode: EpisodeArguments,
     #[command(flatten)]
     pub(super) reuse: ReuseArguments,
-
-    /// Size in pixels.
-    #[arg(long, value_name = "WIDTHxHEIGHT", default_value = "320x240")]
-    pub(super) size: Size,
 
     /// Interleaved rounds in which the winner is measured again, beside the start and native Embree, each
     /// with builds of its own as far as a minute goes. Who is not shown to be faster than the start there
