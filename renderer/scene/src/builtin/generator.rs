@@ -1,12 +1,11 @@
 //! The common part of the generators of built-in scenes: the assembler that collects meshes, a seeded random
 //! number generator, and the counts that go with the level of detail.
 
-use glam::{Affine3A, Vec3, Vec4};
+use glam::{Vec3, Vec4};
 use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
 
 use crate::assemble::Assembler;
-use crate::bounds::Bounds;
 use crate::images::Pixels;
 use crate::part::Part;
 use crate::shapes::Shapes;
@@ -40,7 +39,7 @@ pub(super) struct LightAndPath {
 
 /// The state of one generator.
 pub(super) struct Generator<'a> {
-    assembler: &'a mut Assembler,
+    pub(super) assembler: &'a mut Assembler,
     dice: ChaCha8Rng,
     pub(super) options: Options,
 }
@@ -81,31 +80,11 @@ impl<'a> Generator<'a> {
         self.dice.random::<f32>() < probability
     }
 
-    /// The box around all parts so far.
-    pub(super) fn bounds(&self) -> Bounds {
-        self.assembler.bounds()
-    }
-
-    /// Begins an object: meshes added until it ends lie in its own space.
-    pub(super) fn begin_object(&mut self) {
-        self.assembler.begin_object();
-    }
-
     /// Adds a part as an object of its own and gives the number to place it by.
     pub(super) fn object(&mut self, name: &str, material: u32, part: &Part) -> Result<u32, SceneError> {
-        self.begin_object();
+        self.assembler.begin_object();
         self.add_part(name, material, part)?;
-        Ok(self.end_object())
-    }
-
-    /// Ends the object and gives the number to place it by.
-    pub(super) fn end_object(&mut self) -> u32 {
-        self.assembler.end_object()
-    }
-
-    /// Places an object in the world.
-    pub(super) fn place(&mut self, object: u32, to_world: Affine3A) {
-        self.assembler.place(object, to_world);
+        Ok(self.assembler.end_object())
     }
 
     /// Registers a material.
@@ -131,11 +110,6 @@ impl<'a> Generator<'a> {
         let make =
             || Ok(Pixels { width, height, pixels: places.map(|(u, v)| stored(colour(u, v))).collect() });
         self.assembler.texture(name, name, encoding, [wrap; 2], make)
-    }
-
-    /// Gives all meshes so far this one material.
-    pub(super) fn repaint(&mut self, material: Material) {
-        self.assembler.repaint(material);
     }
 
     /// Adds shapes as one mesh.

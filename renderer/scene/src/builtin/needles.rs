@@ -21,7 +21,7 @@ pub(super) fn build(generator: &mut Generator) -> Result<LightAndPath, SceneErro
     generator.options = Options { detail: (own.detail * HALL_DETAIL).max(0.001), ..own };
     let hall = hall::build(generator)?;
     generator.options = own;
-    let (bounds, needles) = (generator.bounds(), generator.count(NEEDLES));
+    let (bounds, needles) = (generator.assembler.bounds(), generator.count(NEEDLES));
     // The cylinder starts across the nave, through its walls.
     let turn = own.time.rem_euclid(1.0) + START;
     let bundles = bundles(&bounds, turn, needles, |low, high| generator.between(low, high));

@@ -145,6 +145,6 @@ fn plant(generator: &mut Generator, seed: u64, kind: usize, objects: &[u32]) {
         let spread = 1.0 + 0.16 * (turn * 7.0).sin();
         let linear = Mat3::from_quat(turned) * Mat3::from_diagonal(Vec3::new(spread, 1.0, spread) * scale);
         let foot = Vec3::new(x, height(seed, x, z) - 0.05, z);
-        generator.place(objects[which], Affine3A::from_mat3_translation(linear, foot));
+        generator.assembler.place(objects[which], Affine3A::from_mat3_translation(linear, foot));
     }
 }

@@ -54,7 +54,7 @@ fn anywhere(generator: &mut Generator) -> Vec3 {
 }
 
 fn spruce(generator: &mut Generator, bark: u32, needle: u32) -> Result<u32, SceneError> {
-    generator.begin_object();
+    generator.assembler.begin_object();
     let height = generator.between(11.0, 15.0);
     let mut trunk = Shapes::new();
     let around = generator.segments(9);
@@ -80,7 +80,7 @@ fn spruce(generator: &mut Generator, bark: u32, needle: u32) -> Result<u32, Scen
         }
     }
     generator.add_part("spruce needles", needle, &green)?;
-    Ok(generator.end_object())
+    Ok(generator.assembler.end_object())
 }
 
 /// A bough of a spruce: twigs to both sides of a hanging spine, longest in the middle.
@@ -144,7 +144,7 @@ const BIRCH: Habit = Habit {
 };
 
 fn broad(generator: &mut Generator, habit: &Habit, bark: u32, green: u32) -> Result<u32, SceneError> {
-    generator.begin_object();
+    generator.assembler.begin_object();
     let height = generator.between(habit.height[0], habit.height[1]);
     let (mut wood, mut leaves) = (Shapes::new(), Part::default());
     let middle = Vec3::Y * height * 0.62;
@@ -158,7 +158,7 @@ fn broad(generator: &mut Generator, habit: &Habit, bark: u32, green: u32) -> Res
     grow(generator, habit, &trunk, middle, &mut wood, &mut leaves);
     generator.add("wood", bark, &wood)?;
     generator.add_part("leaves", green, &leaves)?;
-    Ok(generator.end_object())
+    Ok(generator.assembler.end_object())
 }
 
 /// A branch on its way.
