@@ -27,12 +27,9 @@ impl Environment {
     /// [`SceneError`], naming the file, the cause and the remedy.
     pub fn load(path: impl AsRef<Path>) -> Result<Self, SceneError> {
         let path = path.as_ref();
-        let malformed = |cause: String| SceneError::Malformed {
-            path: path.to_owned(),
-            format: "an environment map",
-            cause: one_line(&cause),
-            remedy: "give an equirectangular picture as .hdr or .exr, twice as wide as high",
-        };
+        let remedy = "give an equirectangular picture as .hdr or .exr, twice as wide as high";
+        let refused = SceneError::malformed(path, "an environment map", remedy);
+        let malformed = |cause: String| refused(one_line(&cause));
         let bytes = images::read_file(path).map_err(malformed)?;
         let (width, pixels) = images::decode_radiance(&bytes, path).map_err(malformed)?;
         Self::new(width, pixels).map_err(malformed)

@@ -1,6 +1,6 @@
 //! The errors between a file's name and a scene.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use treewright_accel::GeometryError;
 use treewright_accel::limits::INSTANCES_MAX;
@@ -131,6 +131,17 @@ pub enum SceneError {
         /// Its value.
         value: f32,
     },
+}
+
+impl SceneError {
+    /// What makes errors of a file that does not follow its format, by their causes.
+    pub(super) fn malformed(
+        path: &Path,
+        format: &'static str,
+        remedy: &'static str,
+    ) -> impl Fn(String) -> Self + Copy {
+        move |cause| Self::Malformed { path: path.to_owned(), format, cause, remedy }
+    }
 }
 
 /// The parser's messages span lines and quote the input whole.

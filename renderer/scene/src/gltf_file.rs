@@ -27,12 +27,8 @@ use super::{Cone, Punctual, Scene, SceneError, Up};
 
 /// Reads one file. See [`super::load`].
 pub(super) fn read(path: &Path, bytes: &[u8], up: Up) -> Result<Scene, SceneError> {
-    let malformed = |cause: String| SceneError::Malformed {
-        path: path.to_owned(),
-        format: "glTF",
-        cause,
-        remedy: "export it again, complete and without mesh compression",
-    };
+    let malformed =
+        SceneError::malformed(path, "glTF", "export it again, complete and without mesh compression");
     let prepared = gltf_json::read(bytes).map_err(|refusal| match refusal {
         Refusal::Malformed(cause) => malformed(cause),
         Refusal::Unsupported(what) => SceneError::Unsupported {

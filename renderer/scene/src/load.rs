@@ -46,12 +46,8 @@ pub fn load_upright(path: impl AsRef<Path>, up: Up) -> Result<Scene, SceneError>
         Format::Ply => ply_file::read(path, &bytes, up),
     }))
     .unwrap_or_else(|_| {
-        Err(SceneError::Malformed {
-            path: path.to_owned(),
-            format: format.name(),
-            cause: "the parser gave up on its content".to_owned(),
-            remedy: "export it again with another tool",
-        })
+        let malformed = SceneError::malformed(path, format.name(), "export it again with another tool");
+        Err(malformed("the parser gave up on its content".to_owned()))
     })
 }
 

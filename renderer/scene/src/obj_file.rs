@@ -12,12 +12,7 @@ use super::{Material, Scene, SceneError, Up, obj_maps, text};
 
 /// Reads one file. See [`super::load`].
 pub(super) fn read(path: &Path, bytes: &[u8], up: Up) -> Result<Scene, SceneError> {
-    let malformed = |cause: String| SceneError::Malformed {
-        path: path.to_owned(),
-        format: "OBJ",
-        cause,
-        remedy: "repair that line or export the scene again",
-    };
+    let malformed = SceneError::malformed(path, "OBJ", "repair that line or export the scene again");
     let folder = path.parent().unwrap_or(Path::new("."));
     let text = text::decoded(bytes);
     let libraries = Libraries::read(&text, folder);

@@ -19,12 +19,7 @@ use super::{Material, Scene, SceneError, Up, ply_text, text};
 
 /// Reads one file. See [`super::load`].
 pub(super) fn read(path: &Path, bytes: &[u8], up: Up) -> Result<Scene, SceneError> {
-    let malformed = |cause: String| SceneError::Malformed {
-        path: path.to_owned(),
-        format: "PLY",
-        cause,
-        remedy: "export it again, complete and in PLY 1.0",
-    };
+    let malformed = SceneError::malformed(path, "PLY", "export it again, complete and in PLY 1.0");
     let parse_error = |error: ParseError| malformed(one_line(&error.to_string()));
     let (bytes, body) = ply_text::with_plain_header(bytes);
     let header =
