@@ -7,7 +7,7 @@ use indicatif::ProgressBar;
 use serde::Serialize;
 
 use crate::arguments::{CameraArguments, FrameArguments, SceneArguments, Size, StructureArguments};
-use crate::error::CliError;
+use crate::error::{CliError, check_folder};
 use crate::interrupt::Interrupt;
 use crate::output;
 use treewright_renderer::film::Film;
@@ -86,6 +86,7 @@ struct Outcome {
 
 /// Renders the picture.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
+    check_folder(&arguments.out)?;
     image_file::check_path(&arguments.out)?;
     let choice = arguments.structure.choice()?;
     let scene = arguments.scene.load()?;
