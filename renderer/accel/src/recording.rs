@@ -15,13 +15,14 @@
 //! Nothing follows the last set. The counts of a file are checked against the limits before memory is taken
 //! for them, and its contents as if they came from a user.
 
+use std::error::Error;
 use std::io::{self, Read, Write};
 use std::sync::Arc;
 
 use glam::{Vec3, Vec3A};
 use serde::{Deserialize, Serialize};
 
-use crate::geometry::{GeometryError, Ray, Triangles};
+use crate::geometry::{Ray, Triangles};
 use crate::limits::{RECORDED_RAYS_MAX, TRIANGLES_MAX};
 
 /// First bytes of a recording; the last one is the format's version.
@@ -83,52 +84,9 @@ pub struct Recording {
     pub sets: Vec<RaySet>,
 }
 
-/// Why a recording was not read or written.
-#[derive(Debug, thiserror::Error)]
-pub enum RecordingError {
-    /// The file ends early, or the system failed.
-    #[error("the recording cannot be read or written: {0}")]
-    Io(#[from] io::Error),
-    /// Not such a file, or one of another version.
-    #[error("this is no recording of version {}: record it again", MAGIC[7])]
-    NotARecording,
-    /// A number beyond its limit.
-    #[error("{count} {what} are more than the limit of {limit}")]
-    TooMany {
-        /// Of what.
-        what: &'static str,
-        /// The number that was given.
-        count: usize,
-        /// The limit.
-        limit: usize,
-    },
-    /// A class that does not exist or comes twice.
-    #[error("ray set {set} is of class {class}, which does not exist or was there before")]
-    BadClass {
-        /// Number of the set.
-        set: usize,
-        /// The class in the file.
-        class: u32,
-    },
-    /// A ray that could not come out of a frame.
-    #[error("ray {ray} of the {} rays is not finite or has its end before its begin", class.name())]
-    BadRay {
-        /// Which set.
-        class: RayClass,
-        /// Number of the ray.
-        ray: usize,
-    },
-    /// Something follows the last set.
-    #[error("the recording goes on after its last ray: it is damaged, record it again")]
-    Trailing,
-    /// The triangles are none.
-    #[error(transparent)]
-    Geometry(#[from] GeometryError),
-}
-
 impl Recording {
     /// Writes the recording. Give it a buffered writer.
-    pub fn write(&self, mut to: impl Write) -> Result<(), RecordingError> {
+    pub fn write(&self, mut to: impl Write) -> io::Result<()> {
         let (positions, indices) = (self.triangles.positions(), self.triangles.indices());
         to.write_all(&MAGIC)?;
         write_count(&mut to, "vertices", positions.len(), VERTICES_MAX)?;
@@ -143,23 +101,21 @@ impl Recording {
         for set in &self.sets {
             to.write_all(&(set.class as u32).to_le_bytes())?;
             write_count(&mut to, "rays of one class", set.rays.len(), RECORDED_RAYS_MAX)?;
-            for (ray, one) in set.rays.iter().enumerate() {
-                if !one.is_valid() {
-                    return Err(RecordingError::BadRay { class: set.class, ray });
-                }
+            check_rays(set.class, &set.rays)?;
+            for one in &set.rays {
                 write_floats(&mut to, &one.origin.to_array())?;
                 write_floats(&mut to, &[one.t_min])?;
                 write_floats(&mut to, &one.direction.to_array())?;
                 write_floats(&mut to, &[one.t_max])?;
             }
         }
-        Ok(to.flush()?)
+        to.flush()
     }
 
     /// Reads a recording and checks all of it. Give it a buffered reader.
-    pub fn read(mut from: impl Read) -> Result<Self, RecordingError> {
+    pub fn read(mut from: impl Read) -> io::Result<Self> {
         if read_bytes::<8>(&mut from)? != MAGIC {
-            return Err(RecordingError::NotARecording);
+            return Err(damaged(format!("this is no recording of version {}: record it again", MAGIC[7])));
         }
         let vertices = read_count(&mut from, "vertices", VERTICES_MAX)?;
         let triangles = read_count(&mut from, "triangles", TRIANGLES_MAX)?;
@@ -169,7 +125,7 @@ impl Recording {
             let numbers = read_bytes::<12>(&mut from)?;
             Ok([0, 4, 8].map(|at| u32::from_le_bytes(std::array::from_fn(|byte| numbers[at + byte]))))
         })?;
-        let triangles = Arc::new(Triangles::new(positions, indices)?);
+        let triangles = Arc::new(Triangles::new(positions, indices).map_err(damaged)?);
         let mut read = Vec::<RaySet>::new();
         for set in 0..sets {
             let number = u32::from_le_bytes(read_bytes(&mut from)?);
@@ -177,20 +133,22 @@ impl Recording {
                 .get(number as usize)
                 .copied()
                 .filter(|&class| read.iter().all(|earlier| earlier.class != class))
-                .ok_or(RecordingError::BadClass { set, class: number })?;
+                .ok_or_else(|| {
+                    damaged(format!(
+                        "ray set {set} is of class {number}, which does not exist or was there before"
+                    ))
+                })?;
             let count = read_count(&mut from, "rays of one class", RECORDED_RAYS_MAX)?;
             let rays = many(count, || {
                 let [ox, oy, oz, t_min, dx, dy, dz, t_max] = read_floats(&mut from)?;
                 Ok(Ray { origin: Vec3::new(ox, oy, oz), direction: Vec3::new(dx, dy, dz), t_min, t_max })
             })?;
-            if let Some(ray) = rays.iter().position(|ray| !ray.is_valid()) {
-                return Err(RecordingError::BadRay { class, ray });
-            }
+            check_rays(class, &rays)?;
             read.push(RaySet { class, rays });
         }
         match from.read(&mut [0])? {
             0 => Ok(Self { triangles, sets: read }),
-            _ => Err(RecordingError::Trailing),
+            _ => Err(damaged("the recording goes on after its last ray: it is damaged, record it again")),
         }
     }
 }
@@ -206,10 +164,25 @@ const _: () = {
 /// Room that is taken on a file's word alone. More comes as the values do.
 const TRUSTED: usize = 1 << 16;
 
-fn many<T>(
-    count: usize,
-    mut one: impl FnMut() -> Result<T, RecordingError>,
-) -> Result<Vec<T>, RecordingError> {
+fn damaged(cause: impl Into<Box<dyn Error + Send + Sync>>) -> io::Error {
+    io::Error::new(io::ErrorKind::InvalidData, cause)
+}
+
+/// Whether all rays could come out of a frame.
+fn check_rays(class: RayClass, rays: &[Ray]) -> io::Result<()> {
+    let broken = |ray: usize| {
+        let class = class.name();
+        damaged(format!("ray {ray} of the {class} rays is not finite or has its end before its begin"))
+    };
+    rays.iter().position(|ray| !ray.is_valid()).map_or(Ok(()), |ray| Err(broken(ray)))
+}
+
+fn check_count(what: &str, count: usize, limit: usize) -> io::Result<()> {
+    let beyond = || damaged(format!("{count} {what} are more than the limit of {limit}"));
+    if count > limit { Err(beyond()) } else { Ok(()) }
+}
+
+fn many<T>(count: usize, mut one: impl FnMut() -> io::Result<T>) -> io::Result<Vec<T>> {
     let mut all = Vec::with_capacity(count.min(TRUSTED));
     for _ in 0..count {
         all.push(one()?);
@@ -217,27 +190,22 @@ fn many<T>(
     Ok(all)
 }
 
-fn write_count(
-    to: &mut impl Write,
-    what: &'static str,
-    count: usize,
-    limit: usize,
-) -> Result<(), RecordingError> {
-    let number = u32::try_from(count).ok().filter(|_| count <= limit);
-    let number = number.ok_or(RecordingError::TooMany { what, count, limit })?;
-    Ok(to.write_all(&number.to_le_bytes())?)
+fn write_count(to: &mut impl Write, what: &str, count: usize, limit: usize) -> io::Result<()> {
+    check_count(what, count, limit)?;
+    to.write_all(&(count as u32).to_le_bytes())
 }
 
-fn read_count(from: &mut impl Read, what: &'static str, limit: usize) -> Result<usize, RecordingError> {
+fn read_count(from: &mut impl Read, what: &str, limit: usize) -> io::Result<usize> {
     let count = u32::from_le_bytes(read_bytes(from)?) as usize;
-    if count > limit { Err(RecordingError::TooMany { what, count, limit }) } else { Ok(count) }
+    check_count(what, count, limit)?;
+    Ok(count)
 }
 
 fn write_floats(to: &mut impl Write, floats: &[f32]) -> io::Result<()> {
     floats.iter().try_for_each(|float| to.write_all(&float.to_le_bytes()))
 }
 
-fn read_floats<const N: usize>(from: &mut impl Read) -> Result<[f32; N], RecordingError> {
+fn read_floats<const N: usize>(from: &mut impl Read) -> io::Result<[f32; N]> {
     let mut floats = [0.0; N];
     for float in &mut floats {
         *float = f32::from_le_bytes(read_bytes(from)?);
@@ -245,7 +213,7 @@ fn read_floats<const N: usize>(from: &mut impl Read) -> Result<[f32; N], Recordi
     Ok(floats)
 }
 
-fn read_bytes<const N: usize>(from: &mut impl Read) -> Result<[u8; N], RecordingError> {
+fn read_bytes<const N: usize>(from: &mut impl Read) -> io::Result<[u8; N]> {
     let mut bytes = [0; N];
     from.read_exact(&mut bytes)?;
     Ok(bytes)
@@ -291,39 +259,42 @@ mod tests {
     fn every_shorter_file_is_refused_and_a_longer_one_too() {
         let mut bytes = bytes(&recording());
         for length in 0..bytes.len() {
-            assert!(matches!(Recording::read(&bytes[..length]), Err(RecordingError::Io(_))), "{length}");
+            let refused = Recording::read(&bytes[..length]).expect_err("it is refused");
+            assert_eq!(refused.kind(), io::ErrorKind::UnexpectedEof, "{length}");
         }
         bytes.push(0);
-        assert!(matches!(Recording::read(bytes.as_slice()), Err(RecordingError::Trailing)));
+        let refused = Recording::read(bytes.as_slice()).expect_err("it is refused");
+        assert!(refused.to_string().contains("goes on after its last ray"), "{refused}");
     }
 
     #[test]
     fn lies_are_refused() {
         let good = bytes(&recording());
-        let with = |at: usize, value: u32| {
+        let (set, second) = (20 + 48 + 24, 20 + 48 + 24 + 8 + 64);
+        for (at, value, expected) in [
+            (4, 0x0200_0053, "no recording of version 1"),
+            (8, u32::MAX, "vertices are more than"),
+            (12, u32::MAX, "triangles are more than"),
+            (16, 6, "6 ray sets are more than the limit of 5"),
+            (20, f32::NAN.to_bits(), "vertex 0 has a coordinate"),
+            (20 + 48, 4, "triangle 0 names vertex 4"),
+            (set, 5, "ray set 0 is of class 5"),
+            (second, 0, "ray set 1 is of class 0"),
+            (set + 4, u32::MAX, "rays of one class are more than"),
+            (set + 8, f32::NAN.to_bits(), "ray 0 of the primary rays"),
+        ] {
             let mut bad = good.clone();
             bad[at..at + 4].copy_from_slice(&value.to_le_bytes());
-            Recording::read(bad.as_slice()).expect_err("it is refused")
-        };
-        let (set, second) = (20 + 48 + 24, 20 + 48 + 24 + 8 + 64);
-        assert!(matches!(with(4, 0x0200_0053), RecordingError::NotARecording));
-        assert!(matches!(with(8, u32::MAX), RecordingError::TooMany { what: "vertices", .. }));
-        assert!(matches!(with(12, u32::MAX), RecordingError::TooMany { what: "triangles", .. }));
-        assert!(matches!(with(16, 6), RecordingError::TooMany { what: "ray sets", .. }));
-        assert!(matches!(with(20, f32::NAN.to_bits()), RecordingError::Geometry(_)));
-        assert!(matches!(with(20 + 48, 4), RecordingError::Geometry(_)));
-        assert!(matches!(with(set, 5), RecordingError::BadClass { set: 0, class: 5 }));
-        assert!(matches!(with(second, 0), RecordingError::BadClass { set: 1, class: 0 }));
-        assert!(matches!(with(set + 4, u32::MAX), RecordingError::TooMany { .. }));
-        let bad_ray = with(set + 8, f32::NAN.to_bits());
-        assert!(matches!(bad_ray, RecordingError::BadRay { class: RayClass::Primary, ray: 0 }), "{bad_ray}");
+            let refused = Recording::read(bad.as_slice()).expect_err("it is refused").to_string();
+            assert!(refused.contains(expected), "{refused}");
+        }
     }
 
     #[test]
     fn a_broken_ray_is_not_written() {
         let mut recording = recording();
         recording.sets[1].rays[0].direction = Vec3::NAN;
-        let refused = recording.write(Vec::new());
-        assert!(matches!(refused, Err(RecordingError::BadRay { class: RayClass::Shadow, ray: 0 })));
+        let refused = recording.write(Vec::new()).expect_err("it is refused");
+        assert!(refused.to_string().contains("ray 0 of the shadow rays"), "{refused}");
     }
 }

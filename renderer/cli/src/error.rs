@@ -2,7 +2,6 @@
 
 use std::process::ExitCode;
 
-use treewright_accel::recording::RecordingError;
 use treewright_accel::{BuildError, DeviceError};
 use treewright_client::ClientError;
 
@@ -66,7 +65,7 @@ macro_rules! failed {
     )*};
 }
 
-failed!(SceneError, ImageFileError, RendererError, BuildError, DeviceError, RecordingError);
+failed!(SceneError, ImageFileError, RendererError, BuildError, DeviceError);
 
 /// Writes a file, or says which and why not.
 pub fn write_file(path: &std::path::Path, bytes: &[u8]) -> Result<(), CliError> {

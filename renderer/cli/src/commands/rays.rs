@@ -61,7 +61,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
     let prepared = Prepared::new(scene.clone());
     let recording = pool.install(|| record(&prepared, &structure, &view, &mut film));
     let file = File::create(&arguments.out).map_err(unwritable)?;
-    recording.write(BufWriter::new(file))?;
+    recording.write(BufWriter::new(file)).map_err(unwritable)?;
     println!("{}: {} triangles", scene.name, scene.triangles.len());
     for set in &recording.sets {
         println!("{:>9} {}", set.rays.len(), set.class.name());
