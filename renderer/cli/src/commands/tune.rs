@@ -225,8 +225,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
         println!("wrote {}", path.display());
     }
     if let Some(path) = &arguments.report {
-        let html = report::html(&mut renderer, &setting, &results)
-            .map_err(|error| CliError::Failed(error.to_string()))?;
+        let html = report::html(&mut renderer, &setting, &results)?;
         write_file(path, html.as_bytes())?;
         println!("wrote {}", path.display());
     }

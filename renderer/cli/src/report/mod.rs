@@ -12,11 +12,13 @@ use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 
 use parts::{ConfigurationRow, StandingRow, WayRow};
+
+use crate::error::CliError;
 use treewright_renderer::film::{Film, Picture};
 use treewright_renderer::frame::Renderer;
-use treewright_renderer::image_file::{Exposure, ImageFileError, png_bytes};
+use treewright_renderer::image_file::{Exposure, png_bytes};
 use treewright_renderer::measure::Standing;
-use treewright_renderer::space::{Choice, ConfigurationError};
+use treewright_renderer::space::Choice;
 use treewright_renderer::tuning::objective::Objective;
 use treewright_renderer::tuning::results::TuningResults;
 use treewright_renderer::tuning::search::SearchSetting;
@@ -24,23 +26,6 @@ use treewright_renderer::tuning::who::Who;
 
 /// Samples a pixel of the report's two pictures.
 const PICTURE_SAMPLES: u32 = 24;
-
-/// Why there is no report.
-#[derive(Debug, thiserror::Error)]
-pub enum ReportError {
-    /// A picture cannot be encoded.
-    #[error(transparent)]
-    Picture(#[from] ImageFileError),
-    /// The winner cannot be built any more.
-    #[error("the pictures of the report cannot be rendered: {0}")]
-    Build(#[from] treewright_accel::BuildError),
-    /// The winner does not follow the space.
-    #[error(transparent)]
-    Configuration(#[from] ConfigurationError),
-    /// The template fails.
-    #[error("the report cannot be put together: {0}")]
-    Template(#[from] askama::Error),
-}
 
 /// The page. Numbers arrive as text, ready to be read.
 #[derive(Template)]
@@ -84,18 +69,16 @@ pub fn html(
     renderer: &mut Renderer,
     setting: &SearchSetting,
     results: &TuningResults,
-) -> Result<String, ReportError> {
+) -> Result<String, CliError> {
     let default = picture(renderer, setting, &setting.baseline)?;
     let tuned = picture(renderer, setting, &setting.space.choice(&results.tuned)?)?;
     page(results, &default, &tuned)
 }
 
-fn picture(
-    renderer: &mut Renderer,
-    setting: &SearchSetting,
-    choice: &Choice,
-) -> Result<Picture, ReportError> {
-    let (structure, _) = renderer.build(&choice.build)?;
+fn picture(renderer: &mut Renderer, setting: &SearchSetting, choice: &Choice) -> Result<Picture, CliError> {
+    let (structure, _) = renderer.build(&choice.build).map_err(|error| {
+        CliError::Failed(format!("the pictures of the report cannot be rendered: {error}"))
+    })?;
     if choice.light.learns() {
         renderer.learn_light_with(&structure, &setting.view, [setting.width, setting.height]);
     }
@@ -107,7 +90,7 @@ fn picture(
     Ok(film.picture())
 }
 
-fn page(results: &TuningResults, default: &Picture, tuned: &Picture) -> Result<String, ReportError> {
+fn page(results: &TuningResults, default: &Picture, tuned: &Picture) -> Result<String, CliError> {
     let frame_ms = |who: &Who| results.standing(who).map_or(0.0, |standing| standing.frame_ms.median);
     let page = Page {
         scene: &results.scene.name,
@@ -142,10 +125,10 @@ fn page(results: &TuningResults, default: &Picture, tuned: &Picture) -> Result<S
         study: &results.study,
         notes: results.notes.iter().chain(&results.scene.notes).cloned().collect(),
     };
-    Ok(page.render()?)
+    page.render().map_err(|error| CliError::Failed(format!("the report cannot be put together: {error}")))
 }
 
-fn data_url(picture: &Picture) -> Result<String, ReportError> {
+fn data_url(picture: &Picture) -> Result<String, CliError> {
     Ok(format!("data:image/png;base64,{}", STANDARD.encode(png_bytes(picture, Exposure::Auto)?)))
 }
 
