@@ -7,9 +7,9 @@ use serde::{Deserialize, Serialize};
 use crate::configuration::Configuration;
 use crate::machines::FIRST;
 use crate::policy::PredictorMethod;
-use crate::predict::blend::PredictorErrors;
 use crate::predict::contextual::FitRequest;
 use crate::predict::deferred::{ComputedUpdates, DeferredUpdate, DeferredUpdates};
+use crate::predict::errors::PredictorErrors;
 use crate::predict::prequential::ErrorInterval;
 use crate::predict::registry::{AnyPredictor, METHODS, learns};
 use crate::predict::{Answer, Contextual, Estimate, Lesson, Nearest, Predictor, PredictorSetup, Query};
@@ -19,13 +19,6 @@ use crate::space::Space;
 const TESTS_EAGER: u64 = 256;
 /// From then on one trial of this number is a test, so that a report stays cheap.
 const TESTS_SHARE: u64 = 16;
-/// The contextual model answers and proposes unless its error is above this multiple of the least error, and
-/// above this value: it alone knows untried configurations. By error alone the choice would confirm itself: a
-/// predictor that always repeats one configuration predicts its cost well.
-const TRUSTED: f64 = 3.0;
-const TRUSTED_ERROR: f64 = 0.25;
-/// Fewer tests than this do not separate predictors.
-const TESTS_MIN: u64 = 8;
 
 /// The predictors that a study's policy needs: its own, or for [`PredictorMethod::Auto`] all of them, each
 /// trained on every trial, with the errors of their tests. Those that learn nothing are always among them.
@@ -101,7 +94,7 @@ impl Predictors {
         }
         let word = |&method: &PredictorMethod| match method {
             PredictorMethod::Contextual => (method, None),
-            _ => (method, self.expect(method, query, configuration)),
+            _ => (method, self.estimate(method, query, configuration)),
         };
         let words = METHODS.iter().map(word).collect();
         let local_data = self.contextual().map(|model| model.local_data(query));
@@ -188,52 +181,28 @@ impl Predictors {
         self.singles.iter().find(|predictor| predictor.method() == method).map(|predictor| &**predictor)
     }
 
-    /// The estimate of a single predictor. Models learn costs as they are on the first machine.
-    fn expect(
-        &self,
-        method: PredictorMethod,
-        query: &Query<'_>,
-        configuration: &Configuration,
-    ) -> Option<Estimate> {
-        let expected = self.single(method)?.estimate(query, configuration)?;
-        Some(self.on_machine(method, query, expected))
-    }
-
-    /// The predictor of the least recent error, the first listed among equals.
-    pub fn leader(&self) -> PredictorMethod {
-        self.tallies.leader()
-    }
-
-    /// The predictor that answers and proposes for a method.
-    fn speaker(&self, method: PredictorMethod) -> PredictorMethod {
-        if method != PredictorMethod::Auto {
-            return method;
-        }
-        let (contextual, leader) = (PredictorMethod::Contextual, self.leader());
-        let recent = |method| self.tallies.recent(method);
-        let trusted = self.tallies.tests(contextual) < TESTS_MIN
-            || recent(contextual) <= (TRUSTED * recent(leader)).max(TRUSTED_ERROR);
-        if trusted { contextual } else { leader }
-    }
-
-    /// The mean errors of every predictor and of the choice among them (`Auto`), with 95 % intervals. Empty
-    /// before the second trial, and where there is no choice.
-    pub fn errors(&self) -> Vec<(PredictorMethod, ErrorInterval)> {
-        self.tallies.errors()
-    }
-
-    /// The estimate of one configuration.
+    /// The estimate of one configuration, on the asking machine.
     pub fn estimate(
         &self,
         method: PredictorMethod,
         query: &Query<'_>,
         configuration: &Configuration,
     ) -> Option<Estimate> {
-        let estimate = |method| self.expect(method, query, configuration);
-        if method != PredictorMethod::Auto {
-            return estimate(method);
-        }
-        self.tallies.blend(&METHODS.iter().map(|&method| (method, estimate(method))).collect::<Vec<_>>())
+        let method = self.speaker(method);
+        // Models learn costs as they are on the first machine.
+        let expected = self.single(method)?.estimate(query, configuration)?;
+        Some(self.on_machine(method, query, expected))
+    }
+
+    /// The predictor that answers and proposes for a method.
+    fn speaker(&self, method: PredictorMethod) -> PredictorMethod {
+        if method == PredictorMethod::Auto { self.tallies.speaker() } else { method }
+    }
+
+    /// The mean errors of every predictor and of those that answered (`Auto`), with 95 % intervals. Empty
+    /// before the second trial, and where there is no choice.
+    pub fn errors(&self) -> Vec<(PredictorMethod, ErrorInterval)> {
+        self.tallies.errors()
     }
 
     /// The answer to exploit, and its predictor: the method's own, else (a model may have no answer) the

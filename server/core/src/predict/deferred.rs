@@ -10,8 +10,8 @@ use std::sync::Arc;
 use crate::configuration::Configuration;
 use crate::gp::Hyperparameters;
 use crate::policy::PredictorMethod;
-use crate::predict::blend::{MethodEstimate, PredictorErrors};
 use crate::predict::contextual::{HyperparameterUpdate, LocalData};
+use crate::predict::errors::{MethodEstimate, PredictorErrors};
 use crate::space::Space;
 
 #[derive(Clone, Debug, PartialEq)]

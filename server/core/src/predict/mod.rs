@@ -2,10 +2,10 @@
 //!
 //! A predictor is a file here and a row of the registry (`model/src/policy/registry.rs`).
 
-mod blend;
 mod choice;
 pub mod contextual;
 mod deferred;
+mod errors;
 pub mod nearest;
 pub mod prequential;
 pub mod rbf;

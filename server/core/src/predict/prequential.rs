@@ -15,8 +15,6 @@ use crate::sum::Sum;
 pub const ERROR_MAX: f64 = 6.907_755_278_982_137;
 /// The factor by which an older error's weight falls with each new one, in the recent mean.
 const FADE: f64 = 1.0 - 1.0 / 400.0;
-/// The factor in the mean of the last few.
-const FADE_LAST: f64 = 1.0 - 1.0 / 20.0;
 
 /// The error of one prediction; [`ERROR_MAX`] where there was none.
 pub fn error(expected: Option<Estimate>, cost: f64) -> f64 {
@@ -31,7 +29,6 @@ pub struct ErrorStatistics {
     sum: Sum,
     squares: Sum,
     recent: Fading,
-    last: Fading,
 }
 
 /// A mean in which older values fade.
@@ -75,18 +72,11 @@ impl ErrorStatistics {
         self.sum.add(error);
         self.squares.add(error * error);
         self.recent.take(error, FADE);
-        self.last.take(error, FADE_LAST);
     }
 
     /// The recent mean error, on which the choice rests. Infinite before the first.
     pub fn recent(&self) -> f64 {
         self.recent.mean().unwrap_or(f64::INFINITY)
-    }
-
-    /// The mean error of about the last twenty tests, on which the blend's weights rest. `None` before the
-    /// first.
-    pub fn last(&self) -> Option<f64> {
-        self.last.mean()
     }
 
     /// The mean error of all trials; `None` before the first.
@@ -123,13 +113,12 @@ mod tests {
     }
 
     #[test]
-    fn the_last_errors_outweigh_the_old() {
+    fn recent_errors_outweigh_the_old() {
         let mut tally = ErrorStatistics::default();
-        assert_eq!((tally.recent(), tally.last()), (f64::INFINITY, None));
-        (0..400).for_each(|_| tally.take(1.0));
-        (0..40).for_each(|_| tally.take(0.0));
-        assert!((tally.last().expect("tested") - 0.95f64.powi(40)).abs() < 1e-9);
-        assert!(tally.recent() > 0.8);
+        assert_eq!(tally.recent(), f64::INFINITY);
+        (0..4000).for_each(|_| tally.take(1.0));
+        (0..400).for_each(|_| tally.take(0.0));
+        assert!((tally.recent() - FADE.powi(400)).abs() < 1e-4, "{}", tally.recent());
     }
 
     #[test]

@@ -62,7 +62,7 @@ impl Tuner {
     }
 
     /// The mean error of each predictor in this study, with its 95 % interval, see
-    /// [`prequential`](crate::predict::prequential). `Auto` stands for the choice among them.
+    /// [`prequential`](crate::predict::prequential). `Auto` stands for those that answered.
     pub fn predictor_errors(&self) -> Vec<(PredictorMethod, ErrorInterval)> {
         self.models.predictors.errors()
     }
