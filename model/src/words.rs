@@ -9,6 +9,8 @@ use serde::{Serialize, Serializer};
 pub trait Word: Copy + PartialEq + fmt::Debug + 'static {
     /// Every value with its word, in the order of declaration.
     const WORDS: &'static [(Self, &'static str)];
+    /// Words of earlier versions, each with the value that has taken its place.
+    const RETIRED_WORDS: &'static [(Self, &'static str)];
 
     /// The word for a value.
     fn word(self) -> &'static str {
@@ -18,27 +20,30 @@ pub trait Word: Copy + PartialEq + fmt::Debug + 'static {
 
     /// The value that a word stands for, if any.
     fn from_word(word: &str) -> Option<Self> {
-        Self::WORDS.iter().find(|(_, known)| *known == word).map(|(value, _)| *value)
+        let mut all = Self::WORDS.iter().chain(Self::RETIRED_WORDS);
+        all.find(|(_, known)| *known == word).map(|(value, _)| *value)
     }
 }
 
-/// Declares an enum and its words together, so that neither can be forgotten.
+/// Declares an enum and its words together, so that neither can be forgotten. Words of earlier versions, whose
+/// place a value has taken, stand behind it after bars.
 macro_rules! words {
     (
         $(#[$meta:meta])*
         pub enum $name:ident {
-            $($(#[$value_meta:meta])* $value:ident = $word:literal,)+
+            $($(#[$value_meta:meta])* $value:ident = $word:literal $(| $retired:literal)*,)+
         }
     ) => {
         $(#[$meta])*
         #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
         #[serde(rename_all = "snake_case")]
         pub enum $name {
-            $($(#[$value_meta])* $value,)+
+            $($(#[$value_meta])* $(#[serde(alias = $retired)])* $value,)+
         }
 
         impl $crate::words::Word for $name {
             const WORDS: &'static [(Self, &'static str)] = &[$((Self::$value, $word),)+];
+            const RETIRED_WORDS: &'static [(Self, &'static str)] = &[$($((Self::$value, $retired),)*)+];
         }
 
         impl std::fmt::Display for $name {
@@ -111,7 +116,7 @@ impl<T: Word + fmt::Display> Serialize for OpenEnum<T> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::policy::{PredictorMethod, SearchMethod};
+    use crate::policy::{Method as _, PredictorMethod, SearchMethod};
     use crate::trial::{Mode, TrialState};
 
     fn are_distinct<T: Word>() {
@@ -138,6 +143,17 @@ mod tests {
         for (method, word) in SearchMethod::WORDS {
             assert_eq!(serde_json::to_string(method).expect("plain data"), format!("{word:?}"));
         }
+    }
+
+    #[test]
+    fn retired_predictors_are_read_as_auto() {
+        for (number, word) in PredictorMethod::RETIRED {
+            assert_eq!(PredictorMethod::from_word(word), Some(PredictorMethod::Auto));
+            let stored = serde_json::from_str::<PredictorMethod>(&format!("{word:?}"));
+            assert_eq!(stored.expect("an earlier version stored it"), PredictorMethod::Auto);
+            assert!(PredictorMethod::REGISTERED.iter().all(|row| row.number != *number), "{word}");
+        }
+        assert_eq!((PredictorMethod::RETIRED.len(), SearchMethod::RETIRED.len()), (3, 0));
     }
 
     #[test]

@@ -35,6 +35,14 @@ fn declaration<T: Method>(name: &str, prefix: &str) -> String {
             row.number
         ));
     }
+    if !T::RETIRED.is_empty() {
+        let numbers: Vec<String> = T::RETIRED.iter().map(|(number, _)| number.to_string()).collect();
+        let name = |word: &str| format!("\"{prefix}_{}\"", word.to_uppercase());
+        let names: Vec<String> = T::RETIRED.iter().map(|(_, word)| name(word)).collect();
+        text.push_str("  // Of earlier versions. Where they are still sent they stand for AUTO.\n");
+        text.push_str(&format!("  reserved {};\n", numbers.join(", ")));
+        text.push_str(&format!("  reserved\n    {};\n", names.join(",\n    ")));
+    }
     text + "}\n"
 }
 

@@ -48,8 +48,6 @@ fn main() {
         (PredictorMethod::Contextual, 0.2),
         (PredictorMethod::Contextual, 1.0),
         (PredictorMethod::NearestNeighbour, 0.2),
-        (PredictorMethod::WeightedNeighbours, 0.2),
-        (PredictorMethod::LeastSquares, 0.2),
         (PredictorMethod::RbfGreedyGq, 0.2),
     ];
     let named: Vec<String> = std::env::args().skip(2).collect();

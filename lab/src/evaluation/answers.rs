@@ -14,7 +14,7 @@ use treewright_client::{Configuration, Indicator, Outcome};
 use treewright_core::configuration::Configuration as Checked;
 use treewright_core::ids::{MachineId, StateId};
 use treewright_core::indicator::IndicatorSchema;
-use treewright_core::machines::{Machines, Origin};
+use treewright_core::machines::Machines;
 use treewright_core::objective::{Objective as StudyObjective, ObjectiveTerm};
 use treewright_core::policy::{Policy, PredictorMethod};
 use treewright_core::predict::{Lesson, METHODS, Predictors, Query, StateIndex};
@@ -220,7 +220,7 @@ impl Class {
                 point: &school.space.encode(configuration),
                 verdict: *verdict,
                 default_cost,
-                origin: Origin { group: 0, node: 0 },
+                machine: 0,
             });
         }
         let known = KnownState {

@@ -24,6 +24,9 @@ impl<T> RegisteredMethod<T> {
 pub trait Method: Word {
     /// Every method: `auto`, then the rows of the registry in their order.
     const REGISTERED: &'static [RegisteredMethod<Self>];
+    /// Methods of earlier versions, by their numbers on the wire and their words. `auto` has taken their
+    /// place: policies that name one are read so.
+    const RETIRED: &'static [(i32, &'static str)];
 }
 
 /// Makes an enum from the rows of the registry, with `auto` before them.
@@ -31,6 +34,7 @@ macro_rules! define_methods {
     (
         $(#[$meta:meta])*
         $name:ident, $(#[doc = $auto_about:literal])+ auto = $auto_number:literal,
+        retired { $($retired_number:literal $retired:literal)* }
         $($(#[doc = $about:literal])+ $method:ident = $number:literal, $word:literal, $module:ident::$type:ident::$make:ident;)+
     ) => {
         words! {
@@ -39,7 +43,7 @@ macro_rules! define_methods {
             pub enum $name {
                 $(#[doc = $auto_about])+
                 #[default]
-                Auto = "auto",
+                Auto = "auto" $(| $retired)*,
                 $($(#[doc = $about])+ $method = $word,)+
             }
         }
@@ -49,6 +53,7 @@ macro_rules! define_methods {
                 RegisteredMethod { method: $name::Auto, number: $auto_number, about: &[$($auto_about),+] },
                 $(RegisteredMethod { method: $name::$method, number: $number, about: &[$($about),+] },)+
             ];
+            const RETIRED: &'static [(i32, &'static str)] = &[$(($retired_number, $retired),)*];
         }
 
         impl $name {
@@ -67,6 +72,7 @@ macro_rules! define_searches {
             SearchMethod,
             /// The search that the daemon's version recommends, the same for every study; today `model`.
             auto = 5,
+            retired {}
             $($rows)+
         }
     };
@@ -81,6 +87,7 @@ macro_rules! define_predictors {
             /// The `contextual` one, unless another errs much less in this study, tested on trials before it
             /// learns from them.
             auto = 3,
+            retired { 4 "weighted_neighbours" 5 "gaussian_greedy_gq" 6 "least_squares" }
             $($rows)+
         }
     };

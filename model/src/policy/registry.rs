@@ -6,7 +6,8 @@
 //! the conversion in `treewright-proto`; and the values and comments of the wire contract, which a command
 //! writes (`proto/tests/generated.rs`).
 //!
-//! A released word or number never changes.
+//! A released word or number never changes. Those of methods that are gone are retired beside `auto`, in
+//! `methods`.
 
 /// Hands the searches to another macro, as rows `NAME = number on the wire, "word",
 /// module::Type::constructor;`, each with its description. The module is one of `treewright_core::search`;
@@ -38,18 +39,10 @@ macro_rules! predictor_methods {
             /// A Gaussian process over indicators and parameters together, which also proposes what to
             /// explore; useful where every input is met only once.
             Contextual = 7, "contextual", contextual::Contextual::new;
-            /// Best configuration over the eight nearest known states, weighted by distance.
-            WeightedNeighbours = 4, "weighted_neighbours", nearest::Weighted::new;
             /// Best configuration of the nearest known state (paper section 6.1).
             NearestNeighbour = 1, "nearest_neighbour", nearest::Nearest::new;
-            /// Radial basis functions fitted by recursive least squares, with models of their own for each
-            /// kind of machine and each client; their answers are weighted by their accuracy.
-            LeastSquares = 6, "least_squares", rbf::LeastSquares::for_study;
             /// Radial basis functions trained by Greedy-GQ with gamma = 0 (paper section 6.2, as printed).
-            RbfGreedyGq = 2, "rbf_greedy_gq", rbf::Rbf::printed;
-            /// Radial basis functions trained by Greedy-GQ that are Gaussians, as the paper's words have it;
-            /// its formula has no square.
-            GaussianGreedyGq = 5, "gaussian_greedy_gq", rbf::Rbf::gaussian;
+            RbfGreedyGq = 2, "rbf_greedy_gq", rbf::Rbf::for_study;
         }
     };
 }

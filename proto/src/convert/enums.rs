@@ -66,8 +66,9 @@ macro_rules! registered_enums {
 
                 fn from_number(number: i32) -> Option<OpenEnum<Self>> {
                     let row = Self::REGISTERED.iter().find(|row| row.number == number);
-                    let value = row.map_or(OpenEnum::Unrecognised(number), |row| OpenEnum::Known(row.method));
-                    (number != 0).then_some(value)
+                    let is_retired = || Self::RETIRED.iter().any(|(retired, _)| *retired == number);
+                    let known = row.map(|row| row.method).or_else(|| is_retired().then_some($name::Auto));
+                    (number != 0).then_some(known.map_or(OpenEnum::Unrecognised(number), OpenEnum::Known))
                 }
             }
         )+
@@ -90,6 +91,14 @@ mod tests {
         }
         assert_eq!(T::from_number(0), None);
         assert_eq!(T::from_number(99), Some(OpenEnum::Unrecognised(99)));
+    }
+
+    #[test]
+    fn a_retired_predictor_is_auto() {
+        for (number, _) in PredictorMethod::RETIRED {
+            let read = PredictorMethod::from_number(*number);
+            assert_eq!(read, Some(OpenEnum::Known(PredictorMethod::Auto)), "{number}");
+        }
     }
 
     #[test]

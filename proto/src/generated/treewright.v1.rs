@@ -493,14 +493,6 @@ pub enum PredictorMethod {
     RbfGreedyGq = 2,
     /// The `contextual` one, unless another errs much less in this study, tested on trials before it learns from them.
     Auto = 3,
-    /// Best configuration over the eight nearest known states, weighted by distance.
-    WeightedNeighbours = 4,
-    /// Radial basis functions trained by Greedy-GQ that are Gaussians, as the paper's words have it; its formula has no
-    /// square.
-    GaussianGreedyGq = 5,
-    /// Radial basis functions fitted by recursive least squares, with models of their own for each kind of machine and
-    /// each client; their answers are weighted by their accuracy.
-    LeastSquares = 6,
     /// A Gaussian process over indicators and parameters together, which also proposes what to explore; useful where every
     /// input is met only once.
     Contextual = 7,
@@ -516,9 +508,6 @@ impl PredictorMethod {
             Self::NearestNeighbour => "PREDICTOR_METHOD_NEAREST_NEIGHBOUR",
             Self::RbfGreedyGq => "PREDICTOR_METHOD_RBF_GREEDY_GQ",
             Self::Auto => "PREDICTOR_METHOD_AUTO",
-            Self::WeightedNeighbours => "PREDICTOR_METHOD_WEIGHTED_NEIGHBOURS",
-            Self::GaussianGreedyGq => "PREDICTOR_METHOD_GAUSSIAN_GREEDY_GQ",
-            Self::LeastSquares => "PREDICTOR_METHOD_LEAST_SQUARES",
             Self::Contextual => "PREDICTOR_METHOD_CONTEXTUAL",
         }
     }
@@ -529,9 +518,6 @@ impl PredictorMethod {
             "PREDICTOR_METHOD_NEAREST_NEIGHBOUR" => Some(Self::NearestNeighbour),
             "PREDICTOR_METHOD_RBF_GREEDY_GQ" => Some(Self::RbfGreedyGq),
             "PREDICTOR_METHOD_AUTO" => Some(Self::Auto),
-            "PREDICTOR_METHOD_WEIGHTED_NEIGHBOURS" => Some(Self::WeightedNeighbours),
-            "PREDICTOR_METHOD_GAUSSIAN_GREEDY_GQ" => Some(Self::GaussianGreedyGq),
-            "PREDICTOR_METHOD_LEAST_SQUARES" => Some(Self::LeastSquares),
             "PREDICTOR_METHOD_CONTEXTUAL" => Some(Self::Contextual),
             _ => None,
         }

@@ -117,8 +117,6 @@ pub const LOST_CONFIGURATIONS_MAX: usize = 64;
 pub const NEIGHBOURS_MAX: usize = 5;
 /// Most configurations among which a radial basis model chooses: it looks at all of them for an answer.
 pub const CANDIDATES_MAX: usize = 48;
-/// Most machines, and most groups of them, that have a least-squares model of their own.
-pub const MODELS_MAX: usize = 32;
 /// The smallest cost that the radial basis model distinguishes from zero: its reward is the inverse of the
 /// cost, and sums of rewards must stay finite.
 pub const REWARD_COST_MIN: f64 = 1e-100;

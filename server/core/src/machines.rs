@@ -65,15 +65,6 @@ impl Default for PoolingStatistics {
     }
 }
 
-/// The source of a measurement: a machine, and those like it. Numbers stand for names.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Origin {
-    /// All machines with the same processor and the same software.
-    pub group: u64,
-    /// The machine.
-    pub node: u64,
-}
-
 #[derive(Clone, Debug, PartialEq)]
 struct Machine {
     exact: u64,
@@ -169,13 +160,9 @@ impl Machines {
         }
     }
 
-    /// Numbers for a machine and its group.
-    pub(crate) fn origin(&self, machine: MachineId) -> Origin {
-        let machine = self.machines.get(index(machine));
-        machine.map_or(Origin { group: 0, node: 0 }, |machine| Origin {
-            group: machine.group,
-            node: machine.exact,
-        })
+    /// A number that stands for a machine's name; 0 for an unknown one.
+    pub(crate) fn number(&self, machine: MachineId) -> u64 {
+        self.machines.get(index(machine)).map_or(0, |machine| machine.exact)
     }
 
     /// The factor that converts a cost on `from` to the expected cost on `to`; exactly 1 for one machine.

@@ -14,7 +14,7 @@ pub mod state_index;
 
 use crate::configuration::Configuration;
 use crate::ids::MachineId;
-use crate::machines::{Machines, Origin, distance_2};
+use crate::machines::{Machines, distance_2};
 use crate::results::KnownState;
 use crate::search::Verdict;
 use crate::space::Space;
@@ -22,8 +22,8 @@ use crate::trial::Neighbour;
 pub use choice::Predictors;
 pub use contextual::Contextual;
 pub use deferred::{ComputedUpdates, DeferredUpdates};
-pub use nearest::{Nearest, Weighted};
-pub use rbf::{LeastSquares, Rbf, Shape};
+pub use nearest::Nearest;
+pub use rbf::Rbf;
 pub use registry::METHODS;
 use state_index::IndexEntry;
 pub use state_index::StateIndex;
@@ -54,8 +54,8 @@ pub struct Lesson<'a> {
     /// The mean cost of the default configuration in the same state, where it is known; also as on the first
     /// machine.
     pub default_cost: Option<f64>,
-    /// The machine that measured it.
-    pub origin: Origin,
+    /// The number of the machine that measured it.
+    pub machine: u64,
 }
 
 /// A question for a predictor.
@@ -96,11 +96,6 @@ impl Query<'_> {
         });
         assert!(found.len() <= count, "{} of {count} states", found.len());
         found
-    }
-
-    /// The asking machine's numbers.
-    pub(crate) fn origin(&self) -> Origin {
-        self.machines.origin(self.machine)
     }
 
     /// A cost measured in a state, converted to the asking machine.

@@ -1,4 +1,4 @@
-//! The nearest-neighbour predictors: paper section 6.1 as it stands, and its distance-weighted form.
+//! The nearest-neighbour predictor of paper section 6.1.
 
 use serde::{Deserialize, Serialize};
 
@@ -19,20 +19,8 @@ use crate::trial::Neighbour;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Nearest;
 
-/// The configuration that did best over the eight nearest states, each weighing by the inverse square of its
-/// distance (Shepard, "A two-dimensional interpolation function for irregularly-spaced data", 1968).
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Weighted;
-
-/// Number of states that [`Weighted`] asks.
-const WEIGHTED: usize = 8;
-/// Number of each state's best configurations among which it chooses.
-const CANDIDATES: usize = 3;
 /// Number of a state's configurations that stand for those it never ran.
 const RECORDS: usize = 48;
-/// Distances count as no less than this share of that of the furthest state asked, so that one state among
-/// equals does not decide alone.
-const NEARNESS_MAX: f64 = 0.1;
 
 /// A state that can answer, and its distance.
 struct NearState<'a> {
@@ -40,11 +28,11 @@ struct NearState<'a> {
     distance: f64,
 }
 
-/// The states that can answer, in the order in which they count, at most `count`.
-fn candidates<'a>(query: &Query<'a>, count: usize) -> Vec<NearState<'a>> {
-    let mut chosen: Vec<NearState<'a>> = Vec::with_capacity(count + 1);
+/// The states that can answer, in the order in which they count, at most [`NEIGHBOURS_MAX`].
+fn candidates<'a>(query: &Query<'a>) -> Vec<NearState<'a>> {
+    let mut chosen: Vec<NearState<'a>> = Vec::with_capacity(NEIGHBOURS_MAX + 1);
     for explored in [true, false] {
-        let left = count.saturating_sub(chosen.len());
+        let left = NEIGHBOURS_MAX.saturating_sub(chosen.len());
         if left == 0 {
             break;
         }
@@ -61,9 +49,9 @@ fn candidates<'a>(query: &Query<'a>, count: usize) -> Vec<NearState<'a>> {
                 }
             };
             chosen.insert(from, own);
-            chosen.truncate(count);
+            chosen.truncate(NEIGHBOURS_MAX);
         }
-        assert!(chosen.len() <= count, "{} of {count} states", chosen.len());
+        assert!(chosen.len() <= NEIGHBOURS_MAX, "{} states", chosen.len());
     }
     chosen
 }
@@ -71,8 +59,8 @@ fn candidates<'a>(query: &Query<'a>, count: usize) -> Vec<NearState<'a>> {
 /// The states nearest to the query in which anything was measured, searched or not, for estimates. Estimates
 /// are compared with later measurements. A replay after a restart must give equal estimates, but does not
 /// know when each search began.
-fn closest<'a>(query: &Query<'a>, count: usize) -> Vec<NearState<'a>> {
-    measured(query, count, false, |_| true)
+fn closest<'a>(query: &Query<'a>) -> Vec<NearState<'a>> {
+    measured(query, NEIGHBOURS_MAX, false, |_| true)
 }
 
 /// The states that pass nearest to the query in which anything was measured.
@@ -92,7 +80,7 @@ fn measured<'a>(
 
 /// The known states nearest to the query, for reasons.
 pub(super) fn neighbours(query: &Query<'_>) -> Vec<Neighbour> {
-    listed(query, &candidates(query, NEIGHBOURS_MAX))
+    listed(query, &candidates(query))
 }
 
 fn listed(query: &Query<'_>, candidates: &[NearState<'_>]) -> Vec<Neighbour> {
@@ -161,14 +149,14 @@ impl Predictor for Nearest {
 
     fn estimate(&self, query: &Query<'_>, configuration: &Configuration) -> Option<Estimate> {
         let point = query.space.encode(configuration);
-        let candidates = closest(query, NEIGHBOURS_MAX);
+        let candidates = closest(query);
         let cost =
             |candidate: &NearState<'_>| StateCosts::of(query, candidate.state).cost(configuration, &point);
         first_word(&candidates.iter().filter_map(cost).collect::<Vec<_>>())
     }
 
     fn predict(&self, query: &Query<'_>) -> Option<Answer> {
-        let candidates = candidates(query, NEIGHBOURS_MAX);
+        let candidates = candidates(query);
         let cost = |state: &KnownState, record: &Record| query.translate(state, record.mean_cost);
         let (state, record) = candidates
             .iter()
@@ -188,96 +176,6 @@ impl Predictor for Nearest {
     }
 }
 
-/// Weights of candidates, of sum one.
-fn weights(candidates: &[NearState<'_>]) -> Vec<f64> {
-    let furthest = candidates.iter().map(|candidate| candidate.distance).fold(0.0, f64::max);
-    let floor = (NEARNESS_MAX * furthest).powi(2);
-    let square = |candidate: &NearState<'_>| candidate.distance * candidate.distance + floor;
-    // States at one place have equal weights.
-    let weight = |candidate: &NearState<'_>| if furthest > 0.0 { floor / square(candidate) } else { 1.0 };
-    let sum: f64 = candidates.iter().map(weight).sum();
-    candidates.iter().map(|candidate| weight(candidate) / sum).collect()
-}
-
-/// The weighted mean of costs, and their spread.
-fn weighted_word(costs: &[(f64, f64)]) -> Option<Estimate> {
-    let total: f64 = costs.iter().map(|(weight, _)| weight).sum();
-    if costs.is_empty() || total <= 0.0 {
-        return None;
-    }
-    let scale = costs.iter().fold(f64::MIN_POSITIVE, |most, &(_, cost)| most.max(cost));
-    let mean: f64 = costs.iter().map(|(weight, cost)| weight / total * (cost / scale)).sum();
-    let squares: f64 =
-        costs.iter().map(|(weight, cost)| weight / total * (cost / scale - mean).powi(2)).sum();
-    let deviation = if costs.len() == 1 { mean } else { squares.sqrt() };
-    Some(Estimate::new(scale * mean, scale * deviation))
-}
-
-impl Weighted {
-    /// There is nothing to set up: the tables come with each query.
-    pub(crate) fn new(_setup: PredictorSetup<'_>) -> Self {
-        Weighted
-    }
-
-    fn word(
-        tables: &[(f64, StateCosts<'_>)],
-        configuration: &Configuration,
-        point: &[f64],
-    ) -> Option<(Estimate, f64)> {
-        let (mut costs, mut score, mut total) = (Vec::new(), 0.0, 0.0);
-        for (weight, table) in tables {
-            let best = table.state.results.best().map(|best| table.factor * best.mean_cost);
-            let (Some(cost), Some(best)) = (table.cost(configuration, point), best) else { continue };
-            costs.push((*weight, cost));
-            // States differ in the level of costs, so a cost counts by its ratio to the state's best.
-            let ratio = if best > 0.0 { (cost / best).min(f64::MAX) } else { 1.0 };
-            score += weight * libm::log(ratio.max(f64::MIN_POSITIVE));
-            total += weight;
-        }
-        Some((weighted_word(&costs)?, score / total))
-    }
-
-    fn tables<'a>(
-        query: &Query<'a>,
-        candidates: Vec<NearState<'a>>,
-    ) -> (Vec<(f64, StateCosts<'a>)>, Vec<Neighbour>) {
-        let weights = weights(&candidates);
-        let tables = candidates.iter().map(|candidate| StateCosts::of(query, candidate.state));
-        assert_eq!(weights.len(), candidates.len(), "a weight for every state");
-        (weights.into_iter().zip(tables).collect(), listed(query, &candidates))
-    }
-}
-
-impl Predictor for Weighted {
-    fn learns() -> bool {
-        false
-    }
-
-    fn estimate(&self, query: &Query<'_>, configuration: &Configuration) -> Option<Estimate> {
-        let (tables, _) = Self::tables(query, closest(query, WEIGHTED));
-        Self::word(&tables, configuration, &query.space.encode(configuration)).map(|(expected, _)| expected)
-    }
-
-    fn predict(&self, query: &Query<'_>) -> Option<Answer> {
-        let (tables, neighbours) = Self::tables(query, candidates(query, WEIGHTED));
-        let leaders = tables.iter().flat_map(|(_, table)| {
-            let usable = table.state.results.ranked().filter(|record| !query.excludes(&record.configuration));
-            usable.take(CANDIDATES)
-        });
-        let mut best: Option<(&Configuration, Estimate, f64)> = None;
-        for record in leaders {
-            let configuration = &record.configuration;
-            let point = query.space.encode(configuration);
-            let Some((expected, score)) = Self::word(&tables, configuration, &point) else { continue };
-            if best.is_none_or(|(_, _, least)| score < least) {
-                best = Some((configuration, expected, score));
-            }
-        }
-        let (configuration, expected, _) = best?;
-        Some(Answer { configuration: configuration.clone(), expected, neighbours })
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -289,10 +187,6 @@ mod tests {
         // The root of the mean of (4 - 2)² and (1 - 2)².
         assert!((first.deviation - 2.5_f64.sqrt()).abs() < 1e-12, "{first:?}");
         assert_eq!(first_word(&[3.0]), Some(Estimate::new(3.0, 3.0)));
-        let weighted = weighted_word(&[(1.0, 2.0), (3.0, 6.0)]).expect("a word");
-        assert!((weighted.cost - 5.0).abs() < 1e-12, "{weighted:?}");
-        // A quarter of (2 - 5)², three quarters of (6 - 5)².
-        assert!((weighted.deviation - 3.0_f64.sqrt()).abs() < 1e-12, "{weighted:?}");
-        assert_eq!((first_word(&[]), weighted_word(&[])), (None, None));
+        assert_eq!(first_word(&[]), None);
     }
 }

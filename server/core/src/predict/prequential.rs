@@ -33,20 +33,20 @@ pub struct ErrorStatistics {
 
 /// A mean in which older values fade.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub(super) struct Fading {
-    pub(super) sum: f64,
-    pub(super) weight: f64,
+struct Fading {
+    sum: f64,
+    weight: f64,
 }
 
 impl Fading {
-    pub(super) fn take(&mut self, error: f64, fade: f64) {
-        self.sum = fade * self.sum + error;
-        self.weight = fade * self.weight + 1.0;
+    fn take(&mut self, error: f64) {
+        self.sum = FADE * self.sum + error;
+        self.weight = FADE * self.weight + 1.0;
         assert!(self.weight >= 1.0, "the newest counts as one, of {}", self.weight);
     }
 
     /// `None` before the first.
-    pub(super) fn mean(&self) -> Option<f64> {
+    fn mean(&self) -> Option<f64> {
         (self.weight > 0.0).then(|| self.sum / self.weight)
     }
 }
@@ -71,7 +71,7 @@ impl ErrorStatistics {
         self.count += 1;
         self.sum.add(error);
         self.squares.add(error * error);
-        self.recent.take(error, FADE);
+        self.recent.take(error);
     }
 
     /// The recent mean error, on which the choice rests. Infinite before the first.

@@ -74,7 +74,7 @@ impl Models {
                 Verdict::Infeasible => Verdict::Infeasible,
             },
             default_cost: states.default_cost(result.state).map(at_home),
-            origin: states.machines.origin(machine),
+            machine: states.machines.number(machine),
         });
     }
 
@@ -96,7 +96,7 @@ impl Models {
                     point: &spec.space.encode(&record.configuration),
                     verdict: Verdict::Cost(at_home(record.mean_cost)),
                     default_cost: default,
-                    origin: states.machines.origin(known.machine),
+                    machine: states.machines.number(known.machine),
                 });
             }
         }

@@ -101,7 +101,7 @@ fn policy(which: usize) -> Policy {
         6 => Policy { operation: Operation::Freeze, ..base },
         7 => Policy { operation: Operation::Shadow, ..base },
         8 => Policy { predictor: PredictorMethod::Auto, ..base },
-        _ => Policy { predictor: PredictorMethod::LeastSquares, ..base },
+        _ => Policy { predictor: PredictorMethod::Contextual, ..base },
     }
 }
 

@@ -391,7 +391,7 @@ mod tests {
 
     #[test]
     fn models_begin_where_their_first_trial_is_gone() {
-        let policy = Policy { predictor: PredictorMethod::LeastSquares, ..Policy::default() };
+        let policy = Policy { predictor: PredictorMethod::RbfGreedyGq, ..Policy::default() };
         let (tuner, snapshot, all) = grown(policy, 60);
         for since in [20, 30, 40] {
             let snapshot = Snapshot { models_since: since, ..snapshot.clone() };

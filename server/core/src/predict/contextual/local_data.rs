@@ -114,7 +114,7 @@ impl LocalData {
         LocalData {
             features: Arc::clone(features),
             sources,
-            state: features.state(query.state, query.origin()),
+            state: features.state(query.state, query.machines.number(query.machine)),
             here: query.here.map(|here| Arc::clone(&here.results)),
         }
     }
@@ -280,7 +280,7 @@ impl LocalData {
 impl SourceState {
     fn of(features: &FeatureMap, query: &Query<'_>, state: &KnownState, quota: usize) -> Self {
         SourceState {
-            state: features.state(&state.anchor, query.machines.origin(state.machine)),
+            state: features.state(&state.anchor, query.machines.number(state.machine)),
             results: Arc::clone(&state.results),
             quota,
             trust: TRUST[query.machines.level(query.machine, state.machine) as usize],

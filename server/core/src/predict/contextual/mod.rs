@@ -20,7 +20,6 @@ use crate::configuration::Configuration;
 use crate::gp::kernel::FeatureKind;
 use crate::gp::warping::RobustLog;
 use crate::gp::{Hyperparameters, Prior, Process, Sample, Schedule};
-use crate::machines::Origin;
 use crate::predict::nearest::neighbours;
 use crate::predict::{Answer, Estimate, Lesson, Predictor, PredictorSetup, Query, draw_in};
 use crate::randomness::{Purpose, stream};
@@ -82,9 +81,9 @@ impl FeatureMap {
         Arc::new(FeatureMap { layout, kinds })
     }
 
-    /// The features of a state on a machine.
-    fn state(&self, indicators: &[f64], origin: Origin) -> Vec<f64> {
-        indicators.iter().map(|&x| draw_in(x)).chain([origin.node as f64]).collect()
+    /// The features of a state on a machine, by the machine's number.
+    fn state(&self, indicators: &[f64], machine: u64) -> Vec<f64> {
+        indicators.iter().map(|&x| draw_in(x)).chain([machine as f64]).collect()
     }
 
     /// The features of a point of the unit cube.
@@ -186,7 +185,7 @@ impl Contextual {
     /// Adds a lesson. Gives the update of lengths and noise that is now due, to be applied later.
     pub(super) fn note(&mut self, lesson: &Lesson<'_>) -> Option<HyperparameterUpdate> {
         let Verdict::Cost(cost) = lesson.verdict else { return None };
-        let mut features = self.features.state(lesson.state, lesson.origin);
+        let mut features = self.features.state(lesson.state, lesson.machine);
         features.extend(self.features.features(lesson.point));
         assert_eq!(features.len(), self.features.kinds.len(), "a lesson of other features");
         let example = Example { features, cost };

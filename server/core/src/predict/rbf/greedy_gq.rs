@@ -13,7 +13,7 @@ use crate::limits::REWARD_COST_MIN;
 use crate::matrix::dot;
 use crate::predict::nearest::neighbours;
 use crate::predict::rbf::candidates::{CandidateConfiguration, Candidates};
-use crate::predict::rbf::{Basis, Shape, feature_count};
+use crate::predict::rbf::{Basis, feature_count};
 use crate::predict::{Answer, Estimate, Lesson, Predictor, PredictorSetup, Query};
 use crate::search::Verdict;
 use crate::space::Space;
@@ -21,9 +21,7 @@ use crate::space::Space;
 /// The learning rate; the paper names none. A step never exceeds `1 / |phi|^2`, at which an update would
 /// reproduce the reward exactly. Beyond twice this length updates diverge. Of the rates 0.03, 0.1, 0.3, 0.5
 /// and 1, this is the smallest that learns a smooth cost from 6,000 trials about as well as the largest (mean
-/// errors of the reward 0.108 and 0.106). Gaussian features are so small in many dimensions that a fixed step
-/// would learn nothing; there the rate is a share of `1 / |phi|^2` (normalised least mean squares: Haykin,
-/// "Adaptive Filter Theory", chapter 6).
+/// errors of the reward 0.108 and 0.106).
 const ALPHA: f64 = 0.3;
 /// Features whose squares sum to less than this lie beyond all centres, and teach nothing.
 const SQUARE_MIN: f64 = 1e-200;
@@ -42,25 +40,16 @@ pub struct Rbf {
 impl Rbf {
     /// An untrained model for `parameters` and `indicators`, its centres drawn from the study's seed.
     /// `omitted` are the places of indicators that it does not look at.
-    pub fn new(shape: Shape, parameters: usize, indicators: usize, seed: u64, omitted: &[usize]) -> Self {
-        let basis = Basis::new(shape, parameters, indicators, seed, omitted);
+    pub fn new(parameters: usize, indicators: usize, seed: u64, omitted: &[usize]) -> Self {
+        let basis = Basis::new(parameters, indicators, seed, omitted);
         assert_eq!(basis.len(), feature_count(parameters, indicators), "as many features as the paper has");
         let theta = vec![0.0; basis.len()];
         Rbf { basis, theta, candidates: Candidates::default(), tested: 0, miss_2: 0.0 }
     }
 
-    /// An untrained model of a study, with the paper's formula as it is printed.
-    pub(crate) fn printed(setup: PredictorSetup<'_>) -> Self {
-        Self::for_study(Shape::Printed, setup)
-    }
-
-    /// An untrained model of a study, with Gaussians.
-    pub(crate) fn gaussian(setup: PredictorSetup<'_>) -> Self {
-        Self::for_study(Shape::Gaussian, setup)
-    }
-
-    fn for_study(shape: Shape, setup: PredictorSetup<'_>) -> Self {
-        Self::new(shape, setup.space.dimension(), setup.indicators, setup.seed, setup.omitted)
+    /// An untrained model of a study.
+    pub(crate) fn for_study(setup: PredictorSetup<'_>) -> Self {
+        Self::new(setup.space.dimension(), setup.indicators, setup.seed, setup.omitted)
     }
 
     /// The value of a state and an action: the inverse of the expected cost.
@@ -106,11 +95,7 @@ impl Predictor for Rbf {
         };
         let square = dot(&phi, &phi);
         if square > SQUARE_MIN {
-            let rate = match self.basis.shape {
-                Shape::Printed => ALPHA.min(1.0 / square),
-                Shape::Gaussian => ALPHA / square,
-            };
-            let step = rate * (target - value);
+            let step = ALPHA.min(1.0 / square) * (target - value);
             self.theta.iter_mut().zip(&phi).for_each(|(theta, phi)| *theta += step * phi);
         }
         if let Verdict::Cost(cost) = lesson.verdict {
@@ -165,7 +150,6 @@ mod tests {
 
     use super::*;
     use crate::limits::CANDIDATES_MAX;
-    use crate::machines::Origin;
     use crate::policy::PredictorMethod;
     use crate::predict::tests::{World, cost};
 
@@ -175,14 +159,7 @@ mod tests {
         point: &'a [f64],
         verdict: Verdict,
     ) -> Lesson<'a> {
-        Lesson {
-            state,
-            configuration,
-            point,
-            verdict,
-            default_cost: None,
-            origin: Origin { group: 0, node: 0 },
-        }
+        Lesson { state, configuration, point, verdict, default_cost: None, machine: 0 }
     }
 
     fn space() -> Space {
@@ -191,7 +168,7 @@ mod tests {
 
     #[test]
     fn the_update_is_the_papers() {
-        let (space, mut model) = (space(), Rbf::new(Shape::Printed, 3, 2, 1, &[]));
+        let (space, mut model) = (space(), Rbf::new(3, 2, 1, &[]));
         let (state, point) = ([0.3, 0.6], [0.1, 0.9, 0.5]);
         let configuration = space.decode(&point);
         let mut phi = Vec::new();
@@ -208,7 +185,7 @@ mod tests {
     /// answer is the tried configuration of the highest value.
     #[test]
     fn answers_are_those_of_a_plain_walk_through_the_trials() {
-        let centres = Rbf::new(Shape::Printed, 3, 3, 11, &[]).basis.centres;
+        let centres = Rbf::new(3, 3, 11, &[]).basis.centres;
         let features = |state: &[f64; 3], point: &[f64]| -> Vec<f64> {
             let norm = |(s, a): &(Vec<f64>, Vec<f64>)| {
                 let pairs = state.iter().zip(s).chain(point.iter().zip(a));
@@ -245,48 +222,41 @@ mod tests {
 
     #[test]
     fn infeasible_configurations_lose_their_value() {
-        for shape in [Shape::Printed, Shape::Gaussian] {
-            let (space, mut model) = (space(), Rbf::new(shape, 3, 2, 1, &[]));
-            let (state, point) = ([0.2, 0.8], [0.4, 0.4, 0.4]);
-            let configuration = space.decode(&point);
-            for _ in 0..50 {
-                model.learn(&lesson(&state, &configuration, &point, Verdict::Cost(2.0)));
-            }
-            let value = model.value_at(&state, &point);
-            assert!((value - 0.5).abs() < 1e-3, "{value}");
-            for _ in 0..20 {
-                model.learn(&lesson(&state, &configuration, &point, Verdict::Infeasible));
-            }
-            assert!(model.value_at(&state, &point) < 0.3 * value);
-            // A bound that the model respects already changes nothing.
-            let untouched = model.clone();
-            model.learn(&lesson(&state, &configuration, &point, Verdict::AtLeast(1e-9)));
-            assert_eq!(model, untouched);
+        let (space, mut model) = (space(), Rbf::new(3, 2, 1, &[]));
+        let (state, point) = ([0.2, 0.8], [0.4, 0.4, 0.4]);
+        let configuration = space.decode(&point);
+        for _ in 0..50 {
+            model.learn(&lesson(&state, &configuration, &point, Verdict::Cost(2.0)));
         }
+        let value = model.value_at(&state, &point);
+        assert!((value - 0.5).abs() < 1e-3, "{value}");
+        for _ in 0..20 {
+            model.learn(&lesson(&state, &configuration, &point, Verdict::Infeasible));
+        }
+        assert!(model.value_at(&state, &point) < 0.3 * value);
+        // A bound that the model respects already changes nothing.
+        let untouched = model.clone();
+        model.learn(&lesson(&state, &configuration, &point, Verdict::AtLeast(1e-9)));
+        assert_eq!(model, untouched);
     }
 
     /// A plain step diverges beyond `2 / |phi|²`; with a hundred indicators and parameters all features are
     /// near one another, and with few they sum to dozens.
     #[test]
     fn no_step_diverges_whatever_the_features_sum_to() {
-        for shape in [Shape::Printed, Shape::Gaussian] {
-            for dimension in [1, 3, 60] {
-                let space = crate::predict::tests::space(dimension);
-                let mut model = Rbf::new(shape, dimension, 40, 1, &[]);
-                let (state, point) = (vec![0.5; 40], vec![0.5; dimension]);
-                let configuration = space.decode(&point);
-                let mut last = f64::INFINITY;
-                for _ in 0..200 {
-                    model.learn(&lesson(&state, &configuration, &point, Verdict::Cost(1e-6)));
-                    let miss = (model.value_at(&state, &point) - 1e6).abs();
-                    assert!(
-                        miss <= last * (1.0 + 1e-9) + 1e-3,
-                        "{shape:?}, {dimension}: {miss} after {last}"
-                    );
-                    last = miss;
-                }
-                assert!(last < 0.9e6 && model.is_finite(), "{shape:?}, {dimension}: {last}");
+        for dimension in [1, 3, 60] {
+            let space = crate::predict::tests::space(dimension);
+            let mut model = Rbf::new(dimension, 40, 1, &[]);
+            let (state, point) = (vec![0.5; 40], vec![0.5; dimension]);
+            let configuration = space.decode(&point);
+            let mut last = f64::INFINITY;
+            for _ in 0..200 {
+                model.learn(&lesson(&state, &configuration, &point, Verdict::Cost(1e-6)));
+                let miss = (model.value_at(&state, &point) - 1e6).abs();
+                assert!(miss <= last * (1.0 + 1e-9) + 1e-3, "{dimension}: {miss} after {last}");
+                last = miss;
             }
+            assert!(last < 0.9e6 && model.is_finite(), "{dimension}: {last}");
         }
     }
 }

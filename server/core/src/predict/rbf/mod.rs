@@ -2,14 +2,12 @@
 //!
 //! The paper calls its features Gaussians and prints `exp(-omega |x - c|)`, the norm without a square. The
 //! two differ: the printed form has a cusp at its centre and a long tail, so that in the paper's 28
-//! dimensions a typical feature is 0.1; a Gaussian of the same width is smooth and a tenth of that.
-//! [`Shape::Printed`] follows the formula, [`Shape::Gaussian`] the text. `omega = 1`; centres come from a
-//! Latin hypercube; there are 3.5 times as many features as parameters and indicators.
+//! dimensions a typical feature is 0.1; a Gaussian of the same width is smooth and a tenth of that. The model
+//! follows the formula. `omega = 1`; centres come from a Latin hypercube; there are 3.5 times as many
+//! features as parameters and indicators.
 
 mod candidates;
 mod greedy_gq;
-mod least_squares;
-mod solver;
 
 use serde::{Deserialize, Serialize};
 
@@ -18,19 +16,9 @@ use crate::predict::draw_in;
 use crate::randomness::{Purpose, stream};
 use crate::search::latin_hypercube::design;
 pub use greedy_gq::Rbf;
-pub use least_squares::LeastSquares;
 
 /// The widths of all features.
 const OMEGA: f64 = 1.0;
-
-/// The fall of a feature around its centre.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub enum Shape {
-    /// `exp(-omega |x - c|)`, as the paper prints it.
-    Printed,
-    /// `exp(-omega |x - c|²)`, as the paper's text says.
-    Gaussian,
-}
 
 /// `ceil(3.5 (parameters + indicators))`, in whole numbers. Indicators that are left out count, so that a
 /// model keeps its size.
@@ -38,10 +26,9 @@ pub fn feature_count(parameters: usize, indicators: usize) -> usize {
     (7 * (parameters + indicators)).div_ceil(2)
 }
 
-/// The features of a study: centres and shape.
+/// The features of a study.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 struct Basis {
-    shape: Shape,
     /// The state's part and the action's part of each centre.
     centres: Vec<(Vec<f64>, Vec<f64>)>,
     /// The places of indicators that are left out.
@@ -49,7 +36,7 @@ struct Basis {
 }
 
 impl Basis {
-    fn new(shape: Shape, parameters: usize, indicators: usize, seed: u64, omitted: &[usize]) -> Self {
+    fn new(parameters: usize, indicators: usize, seed: u64, omitted: &[usize]) -> Self {
         let mut random = stream(seed, Purpose::Centres, 0, 0);
         let centres = design(feature_count(parameters, indicators), indicators + parameters, &mut random);
         let halves = centres.into_iter().map(|mut state| {
@@ -60,7 +47,7 @@ impl Basis {
         let of_action = |(_, action): &(Vec<f64>, Vec<f64>)| action.len() == parameters;
         assert!(centres.iter().all(of_action), "{parameters} parameters");
         assert!(omitted.iter().all(|&axis| axis < indicators), "{omitted:?} of {indicators} indicators");
-        Basis { shape, centres, omitted: omitted.to_vec() }
+        Basis { centres, omitted: omitted.to_vec() }
     }
 
     fn len(&self) -> usize {
@@ -93,10 +80,7 @@ impl Basis {
         assert!(state_2.len() == count && action_2.len() == count, "{count} centres");
         phi.clear();
         phi.extend(state_2.iter().zip(action_2).map(|(state, action)| state + action));
-        match self.shape {
-            Shape::Printed => phi.iter_mut().for_each(|x| *x = exp_minus(OMEGA * x.sqrt())),
-            Shape::Gaussian => phi.iter_mut().for_each(|x| *x = exp_minus(OMEGA * *x)),
-        }
+        phi.iter_mut().for_each(|x| *x = exp_minus(OMEGA * x.sqrt()));
     }
 }
 
@@ -158,16 +142,14 @@ mod tests {
     }
 
     #[test]
-    fn features_are_the_papers_formula_and_its_words() {
-        for (shape, power) in [(Shape::Printed, 1), (Shape::Gaussian, 2)] {
-            let basis = Basis::new(shape, 2, 1, 5, &[]);
-            let (state, point, mut phi) = ([0.3], [0.1, 0.8], Vec::new());
-            basis.features(&basis.state_2(&state), &basis.action_2(&point), &mut phi);
-            assert_eq!(phi.len(), 11);
-            for ((s, a), phi) in basis.centres.iter().zip(&phi) {
-                let norm = ((0.3 - s[0]).powi(2) + (0.1 - a[0]).powi(2) + (0.8 - a[1]).powi(2)).sqrt();
-                assert!((phi - (-norm.powi(power)).exp()).abs() < 1e-12);
-            }
+    fn features_are_the_papers_formula() {
+        let basis = Basis::new(2, 1, 5, &[]);
+        let (state, point, mut phi) = ([0.3], [0.1, 0.8], Vec::new());
+        basis.features(&basis.state_2(&state), &basis.action_2(&point), &mut phi);
+        assert_eq!(phi.len(), 11);
+        for ((s, a), phi) in basis.centres.iter().zip(&phi) {
+            let norm = ((0.3 - s[0]).powi(2) + (0.1 - a[0]).powi(2) + (0.8 - a[1]).powi(2)).sqrt();
+            assert!((phi - (-norm).exp()).abs() < 1e-12);
         }
     }
 }

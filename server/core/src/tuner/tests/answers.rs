@@ -108,8 +108,7 @@ fn policies() -> impl Strategy<Value = Policy> {
         PredictorMethod::Auto,
         PredictorMethod::Auto,
         PredictorMethod::NearestNeighbour,
-        PredictorMethod::WeightedNeighbours,
-        PredictorMethod::LeastSquares,
+        PredictorMethod::RbfGreedyGq,
         PredictorMethod::Contextual,
     ];
     (0..predictors.len(), 0.2..1.0f64, 4..40u32, any::<bool>()).prop_map(

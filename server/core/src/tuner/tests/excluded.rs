@@ -57,7 +57,7 @@ proptest! {
         which in 0usize..3,
     ) {
         let half = Policy { epsilon: 0.5, trials_per_state: 8, ..Policy::default() };
-        let models = Policy { predictor: PredictorMethod::LeastSquares, ..half.clone() };
+        let models = Policy { predictor: PredictorMethod::RbfGreedyGq, ..half.clone() };
         let policy = [explore_always(), half, models][which].clone();
         // Not the last one: the counts are read from it.
         let at = (at * (frames - 1) as f64) as usize;
