@@ -31,8 +31,7 @@ pub use instances::{Instance, InstanceError, Instances};
 pub use masks::{Card, Mask, Wrap};
 pub use memory::{keep_freed_memory, wish_for_huge_pages};
 pub use parameters::{
-    BuildChoice, Builder, Collapse, NativeAcceleration, NativeOptions, NativeQuality, Quality,
-    TreeParameters, Update,
+    BuildChoice, Builder, Collapse, NativeOptions, NativeQuality, Quality, TreeParameters, Update,
 };
 pub use prefetch::prefetch;
 pub use structure::{Statistics, Structure, Visitor, build, build_instanced};

@@ -7,7 +7,7 @@ use crate::limits::{
     CLUSTER_SIZE_RANGE, COST_MAX, INSTANCE_OPENING_RANGE, LEAF_SIZE_MAX, MAX_DEPTH, REBUILD_THRESHOLD_RANGE,
     REINSERTION_PASSES_MAX, SAH_BLOCK_SIZE_MAX, SEARCH_RADIUS_RANGE, SPLIT_BUDGET, SPLIT_BUDGET_RANGE,
 };
-pub use crate::native_options::{NativeAcceleration, NativeOptions, NativeQuality};
+pub use crate::native_options::{NativeOptions, NativeQuality};
 
 /// Builder of the tunable tree (Table 1 `quality` 1, 2, 3).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]

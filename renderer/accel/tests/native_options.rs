@@ -3,8 +3,8 @@
 use std::sync::Arc;
 
 use treewright_accel::{
-    BruteForce, BuildChoice, BuildError, Device, Intersector, Isa, NativeAcceleration, NativeOptions,
-    NativeQuality, Ray, Structure, TreeParameters, Triangles, Update, build,
+    BruteForce, BuildChoice, BuildError, Device, Intersector, Isa, NativeOptions, NativeQuality, Ray,
+    Structure, TreeParameters, Triangles, Update, build,
 };
 
 mod scenes;
@@ -58,73 +58,27 @@ fn eight_wide() -> bool {
 }
 
 #[test]
-fn every_acceleration_is_another_one_and_answers_right() {
+fn every_quality_is_another_one_and_answers_right() {
     if !eight_wide() {
         return;
     }
     let (triangles, rays) = (triangles(), scenes::rays(400, 72));
     let oracle = BruteForce::new(&triangles);
-    let expected: Vec<_> = rays.iter().map(|ray| oracle.closest(ray)).collect();
-    let mut seen = Vec::new();
-    for acceleration in NativeAcceleration::ALL {
-        let is_auto = acceleration == NativeAcceleration::Auto;
-        let qualities: &[NativeQuality] = if is_auto { &[Low, Medium, High] } else { &[Medium] };
-        for &quality in qualities {
-            let options = NativeOptions { acceleration, quality, ..NativeOptions::default() };
-            let structure = native(&triangles, &options);
-            let wrong = rays
-                .iter()
-                .zip(&expected)
-                .filter(|(ray, expected)| !scenes::same_distance(**expected, structure.closest(ray), 1e-4));
-            let wrong: Vec<_> = wrong.collect();
-            assert!(
-                wrong.len() <= 1,
-                "{options:?}: {} {:?}",
-                wrong.len(),
-                wrong.iter().map(|(r, e)| (r, e, structure.closest(r))).take(3).collect::<Vec<_>>()
-            );
-        }
-        let options = NativeOptions { acceleration, ..NativeOptions::default() };
-        seen.push((acceleration, traits(&triangles, &rays, &options)));
+    let of = |quality| NativeOptions { quality, ..NativeOptions::default() };
+    for quality in NativeQuality::ALL {
+        let structure = native(&triangles, &of(quality));
+        let wrong = |ray: &&Ray| !scenes::same_distance(oracle.closest(ray), structure.closest(ray), 1e-4);
+        let wrong = rays.iter().filter(wrong).count();
+        assert!(wrong <= 1, "{quality:?}: {wrong}");
     }
-    let (auto, named) = seen.split_first().expect("there are some");
-    for (number, (acceleration, (bytes, weights))) in named.iter().enumerate() {
-        for (other, (other_bytes, other_weights)) in &named[..number] {
-            assert!(
-                clearly(*bytes, *other_bytes) || weights != other_weights,
-                "{acceleration:?} and {other:?} cannot be told apart at {bytes} bytes a triangle"
-            );
-        }
-        let same = !clearly(*bytes, auto.1.0) && *weights == auto.1.1;
-        assert_eq!(
-            same,
-            *acceleration == NativeAcceleration::Bvh8Triangle4,
-            "what Embree chooses itself has {} bytes a triangle, {acceleration:?} {bytes}",
-            auto.1.0
-        );
+    let bytes = |quality| traits(&triangles, &[], &of(quality)).0;
+    for quality in [Low, High] {
+        assert!(clearly(bytes(quality), bytes(Medium)), "{quality:?}");
     }
 }
 
 #[test]
-fn quality_acts_where_embree_chooses() {
-    if !eight_wide() {
-        return;
-    }
-    let triangles = triangles();
-    for acceleration in NativeAcceleration::ALL {
-        let bytes = |quality| {
-            let options = NativeOptions { acceleration, quality, ..NativeOptions::default() };
-            traits(&triangles, &[], &options).0
-        };
-        for quality in [Low, High] {
-            let acts = clearly(bytes(quality), bytes(Medium));
-            assert_eq!(acts, acceleration == NativeAcceleration::Auto, "{acceleration:?}, {quality:?}");
-        }
-    }
-}
-
-#[test]
-fn flags_act_where_embree_chooses() {
+fn flags_act_and_make_high_quality_medium() {
     if !eight_wide() {
         return;
     }
@@ -140,9 +94,6 @@ fn flags_act_where_embree_chooses() {
         let high = NativeOptions { quality: High, ..flagged };
         assert!(!clearly(of(high).0, of(flagged).0), "{high:?} is of medium quality");
         assert_eq!(high.effective_quality(), Medium);
-        let named = NativeOptions { acceleration: NativeAcceleration::Bvh8Triangle4, ..plain };
-        let both = NativeOptions { compact: flagged.compact, robust: flagged.robust, ..named };
-        assert_eq!(of(both), of(named), "a named acceleration is what its name says");
     }
 }
 
@@ -206,7 +157,7 @@ fn builds_under_memory_pressure_are_infeasible_and_leave_nothing_behind() {
 }
 
 #[test]
-fn scenes_of_every_acceleration_follow_moved_triangles() {
+fn scenes_of_every_quality_follow_moved_triangles() {
     if !eight_wide() {
         return;
     }
@@ -214,15 +165,15 @@ fn scenes_of_every_acceleration_follow_moved_triangles() {
     let positions = before.positions().iter().map(|position| position * 0.9).collect();
     let moved = Arc::new(Triangles::new(positions, before.indices().to_vec()).expect("they are valid"));
     let oracle = BruteForce::new(&moved);
-    for acceleration in NativeAcceleration::ALL {
+    for quality in NativeQuality::ALL {
         for update in [Update::Rebuild, Update::Refit] {
-            let mut structure = native(&before, &NativeOptions { acceleration, ..NativeOptions::default() });
+            let mut structure = native(&before, &NativeOptions { quality, ..NativeOptions::default() });
             // The first refit may build what the second one fits.
             for _ in 0..2 {
                 structure.update(&device(), &moved, update).expect("it follows");
             }
             let wrong = rays.iter().filter(|ray| oracle.occluded(ray) != structure.occluded(ray)).count();
-            assert!(wrong <= 1, "{acceleration:?}, {update:?}: {wrong} rays");
+            assert!(wrong <= 1, "{quality:?}, {update:?}: {wrong} rays");
         }
     }
 }

@@ -2,9 +2,7 @@
 
 use serde::de::value::{Error, StrDeserializer};
 use serde::{Deserialize, Serialize};
-use treewright_accel::{
-    BuildChoice, NativeAcceleration, NativeOptions, NativeQuality, Packets, Quality, TreeParameters, Update,
-};
+use treewright_accel::{BuildChoice, NativeOptions, NativeQuality, Packets, Quality, TreeParameters, Update};
 use treewright_client::{Configuration, Value};
 
 use super::follow::{self, KeptTree};
@@ -121,15 +119,9 @@ struct Values<'a>(&'a Configuration);
 impl Values<'_> {
     fn native(&self, robust: bool) -> BuildChoice {
         let default = NativeOptions::default();
-        let compact = self.text("native_layout") == Some("compact");
         BuildChoice::Native(NativeOptions {
             quality: self.word("native_quality", default.quality),
-            compact,
             robust,
-            acceleration: match compact {
-                true => NativeAcceleration::Auto,
-                false => self.word("native_layout", default.acceleration),
-            },
             split_budget: self.number("native_split_budget", default.split_budget),
             presplit: self.boolean("native_presplit"),
             ..default

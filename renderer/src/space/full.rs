@@ -1,14 +1,15 @@
 //! The full space: two back ends, and the renderer's options besides its tree.
 //!
-//! `backend` is itself a parameter. Native Embree has its build quality and flags. The tunable tree has the
-//! rest of Table 1 and parameters that make a tree fast beyond the paper. Both share the grouping of pixels
-//! and the tracing of each class of rays. A parameter that cannot act is inactive, or not there at all:
+//! `backend` is itself a parameter. Native Embree has its build quality and how that splits triangles. The
+//! tunable tree has the rest of Table 1 and parameters that make a tree fast beyond the paper. Both share the
+//! grouping of pixels and the tracing of each class of rays. A parameter that cannot act is inactive, or not
+//! there at all:
 //!
 //! * `robust` decides which hits are found at edges. That is a question of correctness, which the user
 //!   decides (`--robust`) and not the search. Embree's quality high falls back to medium with it.
-//! * `compact` of Table 1 is native Embree's compact scene, here a value of `native_layout`. Layouts act with
-//!   medium quality, spatial splits and their budget with high; its values are few, because each takes a
-//!   device.
+//! * `compact` of Table 1 is native Embree's compact scene. It is in the paper's space alone: layouts act with
+//!   medium quality, and such scenes are behind the tunable tree with AVX2 (`docs/measurements/lean.md`).
+//! * Spatial splits and their budget act with high quality; its values are few, because each takes a device.
 //! * Of Table 1's two costs only the ratio acts: `traversal_cost` counts in triangle tests.
 //! * Table 1's `static` sets a builder flag that a tree built once does not feel. How a structure follows what
 //!   moves takes many frames to judge; the space `follow` has it.
@@ -61,34 +62,19 @@ pub(super) fn parameters(premises: &Premises) -> Vec<Explained> {
 }
 
 fn native(premises: &Premises) -> Vec<Explained> {
-    let native = |one: Explained| one.only_while("backend", [Backend::Native.name()]);
     let levels: &[&str] = if premises.robust { &["low", "medium"] } else { &["low", "medium", "high"] };
     let default = match (premises.builds_each_frame, premises.robust) {
         (true, _) => "low",
         (false, true) => "medium",
         (false, false) => "high",
     };
-    // The names of leaves that are watertight end in v.
-    let layouts: &[&str] = if premises.robust {
-        &["auto", "compact", "bvh8_triangle4v", "bvh4_triangle4v"]
-    } else {
-        &["auto", "compact", "bvh8_triangle4i", "qbvh8_triangle4", "bvh4_triangle4"]
-    };
-    let mut all = vec![
-        native(choice(
-            "native_quality",
-            levels.iter().copied(),
-            default,
-            "how carefully Embree builds: low by Morton codes, medium by the surface area heuristic, high also splits triangles",
-        )),
-        choice(
-            "native_layout",
-            layouts.iter().copied(),
-            "auto",
-            "nodes and leaves: Embree's choice, its choice for little memory, or by name",
-        )
-        .only_while("native_quality", ["medium"]),
-    ];
+    let quality = choice(
+        "native_quality",
+        levels.iter().copied(),
+        default,
+        "how carefully Embree builds: low by Morton codes, medium by the surface area heuristic, high also splits triangles",
+    );
+    let mut all = vec![quality.only_while("backend", [Backend::Native.name()])];
     if !premises.robust {
         let high = |one: Explained| one.only_while("native_quality", ["high"]);
         all.push(high(choice(

@@ -25,6 +25,7 @@ const RETIRED: &[(&str, &[&str])] = &[
     ("rebuild_threshold", &["1.3"]),
     ("native_update", &["refit"]),
     ("native_dynamic", &["false"]),
+    ("native_layout", &["auto"]),
 ];
 
 impl TuningSpace {

@@ -7,7 +7,7 @@ use super::{ConfigurationError, Preset, TuningSpace, parse, space_of};
 
 /// Defaults of the full space's parameters for somebody who has tuned nothing: those of Embree, of its tree
 /// builder (the paper's Table 1), and of a renderer that traces path by path, ray by ray.
-const UNTUNED: &str = "native_quality=medium,native_layout=auto,builder=embree,quality=2,search_radius=8,\
+const UNTUNED: &str = "native_quality=medium,builder=embree,quality=2,search_radius=8,\
      cluster_size=1,collapse=builder,branching_factor=2,node_width=8,reinsertion_passes=0,\
      max_depth=32,sah_block_size=1,min_leaf_size=1,max_leaf_size=32,traversal_cost=1.0,block_width=4,\
      staged=false";

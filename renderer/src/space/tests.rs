@@ -1,8 +1,7 @@
 //! Both spaces: defaults, every value's way into the renderer, and mistakes.
 
 use treewright_accel::{
-    BuildChoice, Builder, Collapse, NativeAcceleration, NativeOptions, NativeQuality, Packets, Quality,
-    TreeParameters,
+    BuildChoice, Builder, Collapse, NativeOptions, NativeQuality, Packets, Quality, TreeParameters,
 };
 
 use treewright_client::Domain;
@@ -125,12 +124,6 @@ fn every_value_of_the_full_space_arrives() {
         ..NativeOptions::default()
     };
     assert_eq!(native.map(|choice| choice.build), Ok(BuildChoice::Native(options)));
-    let layout = |text: &str| choice(&full, text).map(|choice| choice.build);
-    let options = NativeOptions::default();
-    let compact = NativeOptions { compact: true, ..options };
-    assert_eq!(layout("native_layout=compact"), Ok(BuildChoice::Native(compact)));
-    let qbvh = NativeOptions { acceleration: NativeAcceleration::Qbvh8Triangle4, ..options };
-    assert_eq!(layout("native_layout=qbvh8_triangle4"), Ok(BuildChoice::Native(qbvh)));
     let plain = choice(&full, "staged=false").map(|choice| choice.render);
     assert_eq!(plain, Ok(RenderOptions::default()));
     for (text, packets) in [("bounce_flight=4", Packets::Four), ("bounce_flight=8", Packets::Eight)] {
@@ -186,7 +179,8 @@ fn a_value_takes_along_what_it_needs() {
     assert_eq!(get("quality=2", "backend"), Some("tunable".into()));
     assert_eq!(get("reinsertion_passes=2", "collapse"), Some("optimal".into()));
     assert_eq!(get("reinsertion_passes=2", "backend"), Some("tunable".into()));
-    assert_eq!(get("native_layout=compact", "native_quality"), Some("medium".into()));
+    assert_eq!(get("native_presplit=true", "native_quality"), Some("high".into()));
+    assert_eq!(get("native_quality=low", "backend"), Some("native".into()));
     assert_eq!(get("sah_block_size=2", "quality"), Some(Value::from(2)), "the default where it fits");
     assert_eq!(get("node_width=16", "collapse"), Some("optimal".into()));
     assert!(problem(&full, "node_width=4,branching_factor=2").contains("it needs collapse = builder"));

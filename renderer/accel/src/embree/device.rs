@@ -1,6 +1,6 @@
 //! The Embree device: one a process, checked once, its errors turned into values.
 //!
-//! Options that a native scene takes from its device (acceleration, builder) need a device of their own:
+//! Options that a native scene takes from its device (how it splits triangles) need a device of their own:
 //! [`Device::suited`] keeps a bounded number of them beside the one the process opened. They share TBB's
 //! threads and count their memory together, and a budget set on that memory makes builds fail that exceed it.
 //!

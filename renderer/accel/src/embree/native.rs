@@ -306,9 +306,9 @@ impl Intersector for NativeScene {
 
     fn closest_each(&self, packets: Packets, rays: &[Ray], hits: &mut [Option<Hit>]) {
         assert_eq!(rays.len(), hits.len(), "one hit a ray");
-        // SAFETY: the scene is committed, and all below it has kernels for these packets.
+        // SAFETY: the scene is committed, and what Embree chooses below it has kernels for packets.
         unsafe {
-            match self.options.acceleration.traced(packets) {
+            match packets {
                 Packets::Single | Packets::Four => one_by_one(rays, hits, |ray| self.closest(ray)),
                 Packets::Eight => packets::closest::<8>(self.scene.0, false, rays, hits),
                 Packets::EightCoherent => packets::closest::<8>(self.scene.0, true, rays, hits),
@@ -322,7 +322,7 @@ impl Intersector for NativeScene {
         assert_eq!(rays.len(), occluded.len(), "one answer a ray");
         // SAFETY: as above.
         unsafe {
-            match self.options.acceleration.traced(packets) {
+            match packets {
                 Packets::Single | Packets::Four => one_by_one(rays, occluded, |ray| self.occluded(ray)),
                 Packets::Eight => packets::occluded::<8>(self.scene.0, false, rays, occluded),
                 Packets::EightCoherent => packets::occluded::<8>(self.scene.0, true, rays, occluded),

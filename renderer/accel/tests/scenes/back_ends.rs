@@ -5,8 +5,8 @@
 use std::sync::Arc;
 
 use treewright_accel::{
-    BuildChoice, Collapse, Device, Hit, Intersector, Isa, NativeAcceleration, NativeOptions, NativeQuality,
-    Packets, Quality, Ray, Structure, Tree, TreeParameters, Triangles, build,
+    BuildChoice, Collapse, Device, Hit, Intersector, Isa, NativeOptions, NativeQuality, Packets, Quality,
+    Ray, Structure, Tree, TreeParameters, Triangles, build,
 };
 
 /// The device of all tests.
@@ -96,15 +96,10 @@ pub(crate) fn native_kinds() -> Vec<NativeOptions> {
     all
 }
 
-/// Native scenes of every quality, flag and acceleration.
+/// Native scenes of every quality and flag.
 pub(crate) fn natives() -> Vec<NativeOptions> {
-    let plain = NativeOptions::default();
     let mut all = native_kinds();
-    all.push(NativeOptions { dynamic: true, ..plain });
-    if Isa::Avx2.is_available() {
-        let named = NativeAcceleration::ALL.into_iter().filter(|named| *named != NativeAcceleration::Auto);
-        all.extend(named.map(|acceleration| NativeOptions { acceleration, ..plain }));
-    }
+    all.push(NativeOptions { dynamic: true, ..NativeOptions::default() });
     all
 }
 
