@@ -6,6 +6,8 @@ use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
+use treewright_client::Options;
+use treewright_client::blocking::Client;
 use treewright_tests::daemon::Daemon;
 use treewright_tests::programs::workspace;
 
@@ -131,6 +133,29 @@ fn a_c_program_gets_along_with_it() {
 fn fitting_versions() -> String {
     let version: Vec<&str> = env!("CARGO_PKG_VERSION").split('.').collect();
     if version[0] == "0" { version[..2].join(".") } else { version[0].to_owned() }
+}
+
+#[test]
+fn the_programs_of_the_page_are_whole() {
+    if !has("c++", "the programs of the page for C and C++") {
+        return;
+    }
+    let folder = tempfile::tempdir().expect("a folder");
+    install(folder.path());
+    let page = std::fs::read_to_string(file("c/README.md")).expect("the page");
+    for (language, compiler, options) in
+        [("c", "cc", &["-std=c99", "-pedantic"][..]), ("cpp", "c++", &["-std=c++17"])]
+    {
+        let (_, code) = page.split_once(&format!("```{language}\n")).expect("a program");
+        let (code, _) = code.split_once("```").expect("its end");
+        let daemon = Daemon::start(&folder.path().join(format!("{language}.db")));
+        let source = folder.path().join(format!("first.{language}"));
+        std::fs::write(&source, code.replace("http://127.0.0.1:50611", daemon.url())).expect("a source");
+        let program = compile(compiler, options, &source, folder.path(), &format!("first_{language}"));
+        succeed(&mut Command::new(program));
+        let client = Client::connect(daemon.url(), Options::new()).expect("a client");
+        client.get_study("my-renderer").expect("the program's study");
+    }
 }
 
 #[test]
