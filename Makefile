@@ -2,7 +2,7 @@
 
 CARGO ?= cargo
 
-.PHONY: help setup build demo test lint bench hunt gate peers integrations dist deb docs pictures
+.PHONY: help setup build demo test lint bench hunt gate peers integrations first-trial dist deb docs pictures
 
 help: ## what there is to make
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 15
@@ -49,6 +49,9 @@ gate: ## compare searches and answers with the recorded ones, on the same seeds 
 
 integrations: setup ## the SDKs for Python and Node with real packages from PyPI and npm (integrations/)
 	@tools/integrations.sh
+
+first-trial: ## lines and seconds to the first trial with each client (tools/first_trial.py)
+	@python3 tools/first_trial.py
 
 peers: ## compare the searches with Optuna, SMAC3, Nevergrad, scipy and Kernel Tuner (tests/peers)
 	$(CARGO) build --release --locked -p treewright-lab --example ask_tell

@@ -135,9 +135,9 @@ def node_package(when):
     return f"treewright-{package['version']}.tgz", tarred([(name, file.read_bytes()) for name, file in files], when)
 
 
-def wheel(folder, when):
-    """Lays the wheel for Python into a folder; says why where it cannot be made."""
-    environment = {**os.environ, "TREEWRIGHT_BUILT": "target/dist", "SOURCE_DATE_EPOCH": str(when or 315532800)}
+def wheel(folder, when, built="target/dist"):
+    """Lays the wheel for Python, of what was built, into a folder; says why where it cannot be made."""
+    environment = {**os.environ, "TREEWRIGHT_BUILT": str(built), "SOURCE_DATE_EPOCH": str(when or 315532800)}
     command = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--wheel-dir", folder, ROOT / "integrations" / "python"]
     if subprocess.run(command, env=environment).returncode != 0:
         print("dist: the wheel for Python could not be made; the archive does not need it", file=sys.stderr)
