@@ -37,9 +37,18 @@ impl BruteForce {
         Self { triangles: Arc::clone(triangles), instances: Some(Arc::clone(instances)) }
     }
 
-    /// Takes over moved triangles.
-    pub(crate) fn update(&mut self, triangles: &Arc<Triangles>) -> Result<(), BuildError> {
+    /// Takes over moved triangles, and instances if they moved.
+    pub(crate) fn update(
+        &mut self,
+        triangles: &Arc<Triangles>,
+        instances: Option<&Arc<Instances>>,
+    ) -> Result<(), BuildError> {
         BuildError::same_count(self.triangles.len(), triangles.len())?;
+        self.instances = match &self.instances {
+            Some(own) => Some(own.followed_by(instances)?),
+            None if instances.is_some() => return Err(BuildError::OtherInstances),
+            None => None,
+        };
         self.triangles = Arc::clone(triangles);
         Ok(())
     }

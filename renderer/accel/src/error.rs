@@ -86,6 +86,9 @@ pub enum BuildError {
         /// Triangles it was given.
         now: usize,
     },
+    /// A structure was asked to follow instances that do not place its objects in its order.
+    #[error("the structure has other objects or instances and cannot be updated to these: build it anew")]
+    OtherInstances,
     /// Memory ran out.
     #[error("memory ran out while the structure was built")]
     OutOfMemory,

@@ -4,9 +4,11 @@
 //! triangle (its number among all triangles) and the instance it was met in.
 
 use std::ops::Range;
+use std::sync::Arc;
 
 use glam::Affine3A;
 
+use crate::error::BuildError;
 use crate::geometry::{Ray, Triangles};
 use crate::limits::INSTANCES_MAX;
 
@@ -111,6 +113,31 @@ impl Instances {
         Ok(Self { objects, placed })
     }
 
+    /// The same objects in other places: one transformation to the world an instance.
+    ///
+    /// # Errors
+    /// [`InstanceError::NotInvertible`].
+    pub fn moved(&self, places: impl IntoIterator<Item = Affine3A>) -> Result<Self, InstanceError> {
+        let objects = self.placed.iter().map(|instance| instance.object);
+        // The objects were checked.
+        Self::new(usize::MAX, self.objects.clone(), objects.zip(places))
+    }
+
+    /// Whether others place the same objects in the same order, maybe elsewhere.
+    pub fn same_objects(&self, other: &Self) -> bool {
+        let ours = self.placed.iter().map(|instance| instance.object);
+        self.objects == other.objects && ours.eq(other.placed.iter().map(|instance| instance.object))
+    }
+
+    /// These instances at a later moment: as given, or where they are.
+    pub(crate) fn followed_by(self: &Arc<Self>, later: Option<&Arc<Self>>) -> Result<Arc<Self>, BuildError> {
+        match later {
+            None => Ok(Arc::clone(self)),
+            Some(later) if self.same_objects(later) => Ok(Arc::clone(later)),
+            Some(_) => Err(BuildError::OtherInstances),
+        }
+    }
+
     /// Triangle numbers of each object.
     pub fn objects(&self) -> &[Range<u32>] {
         &self.objects
@@ -155,6 +182,13 @@ mod tests {
             )
         };
         assert!(make(4, 0, 2.0).is_ok_and(|good| good.placed_triangles() == 4));
+        let good = make(4, 0, 2.0).expect("it is good");
+        let error = good.moved([Affine3A::from_scale(Vec3::ZERO)]).expect_err("it is refused");
+        assert_eq!(error, InstanceError::NotInvertible { instance: 0 });
+        let moved = good.moved([Affine3A::IDENTITY]).expect("it is good");
+        assert!(good.same_objects(&moved) && moved.placed()[0].to_object == Affine3A::IDENTITY);
+        assert!(!good.same_objects(&make(3, 0, 2.0).expect("it is good")), "a smaller object");
+        assert!(!good.same_objects(&good.moved([]).expect("it is good")), "no instance");
         let bad = |end, object, scale| make(end, object, scale).expect_err("it is refused");
         assert!(matches!(bad(5, 0, 1.0), InstanceError::ObjectOutOfRange { end: 5, .. }));
         assert!(matches!(bad(4, 1, 1.0), InstanceError::NoSuchObject { object: 1, .. }));

@@ -202,6 +202,49 @@ fn instances_follow_their_objects() {
 }
 
 #[test]
+fn instances_walk() {
+    let device = device();
+    let triangles = scenes::soup(1000, 0.2, 7);
+    let walker = |number: u32, moment: f32| {
+        let way = Quat::from_rotation_y(0.8 * number as f32 + moment * ((number % 5) as f32 - 2.0));
+        let at = way * Vec3::X * (0.2 + 0.1 * (number % 9) as f32) + Vec3::Y * (0.02 * number as f32 - 0.5);
+        Affine3A::from_scale_rotation_translation(Vec3::new(0.2, -0.15, 0.2), way, at)
+    };
+    let placed = (0..48).map(|number| (number % 2, walker(number, 0.0)));
+    let instances = Instances::new(triangles.len(), vec![0..600, 600..1000], placed).expect("valid");
+    let instances = Arc::new(instances);
+    let mut choices = choices();
+    choices.push(BuildChoice::Tree(TreeParameters {
+        flatten_below: 10_000,
+        instance_opening: 4,
+        max_depth: 64,
+        ..TreeParameters::default()
+    }));
+    let rays = scenes::rays(120, 8);
+    for choice in choices {
+        for update in UPDATES {
+            let mut structure = build_instanced(&device, &triangles, &instances, &choice).expect("it builds");
+            for step in 1..=3 {
+                let places = (0..48).map(|number| walker(number, step as f32 / 3.0));
+                let instances = Arc::new(instances.moved(places).expect("valid"));
+                // In the last step the objects change as well.
+                let now = if step < 3 { Arc::clone(&triangles) } else { moved(&triangles, wave, 0.5) };
+                let what = format!("{choice:?}, {update:?}, step {step}");
+                structure
+                    .update_instanced(&device, &now, &instances, update)
+                    .unwrap_or_else(|error| panic!("{what}: {error}"));
+                validate(&what, &structure);
+                let corners = |hit: &Hit| {
+                    let to_world = &instances.placed()[hit.instance as usize].to_world;
+                    now.corners(hit.triangle as usize).map(|corner| to_world.transform_point3a(corner))
+                };
+                agree(&what, &structure, &BruteForce::instanced(&now, &instances), &corners, &rays);
+            }
+        }
+    }
+}
+
+#[test]
 fn mistakes_are_named() {
     let device = device();
     let triangles = scenes::hills(6);
@@ -210,6 +253,9 @@ fn mistakes_are_named() {
         let mut structure = build(&device, &triangles, &choice).expect("it builds");
         let error = structure.update(&device, &other, Update::Refit).expect_err("it is refused");
         assert!(matches!(error, BuildError::OtherTriangles { .. }), "{choice:?}: {error}");
+        let nothing = Arc::new(Instances::new(0, Vec::new(), []).expect("valid"));
+        let error = structure.update_instanced(&device, &triangles, &nothing, Update::Refit);
+        assert_eq!(error, Err(BuildError::OtherInstances), "{choice:?}");
     }
     for rebuild_threshold in [0.9, 5.0, f32::NAN] {
         let error = Update::partial(rebuild_threshold).check().expect_err("it is refused");

@@ -46,16 +46,25 @@ impl NativeInstances {
         Ok(Self { top, objects, first, instances: Arc::clone(instances), options: *options })
     }
 
-    /// Updates the objects' scenes, then the scene of instances. Where an object's scene was rebuilt, all its
-    /// instances are placed again, since they refer to it.
-    pub(crate) fn update(&mut self, triangles: &Arc<Triangles>, update: Update) -> Result<(), BuildError> {
+    /// Updates the scenes of objects that move, then makes the scene of instances anew: they refer to the
+    /// objects' scenes, and may have moved.
+    pub(crate) fn update(
+        &mut self,
+        triangles: &Arc<Triangles>,
+        instances: Option<&Arc<Instances>>,
+        update: Update,
+    ) -> Result<(), BuildError> {
         BuildError::same_count(self.top.triangle_count(), triangles.len())?;
-        let instances = Arc::clone(&self.instances);
+        update.check()?;
+        let instances = self.instances.followed_by(instances)?;
         let mut outcome = Ok(());
         for (object, part) in self.objects.iter_mut().zip(instances.parts(triangles)) {
-            outcome = outcome.and(object.update(&Arc::new(part), update));
+            if !object.rests(&part, update) {
+                outcome = outcome.and(object.update(&Arc::new(part), update));
+            }
         }
         self.top = place(self.top.device(), triangles, &instances, &self.objects, &self.options)?;
+        self.instances = instances;
         outcome
     }
 

@@ -113,6 +113,11 @@ impl NativeScene {
         Ok(())
     }
 
+    /// Whether there is nothing to follow: its triangles rest, and a rebuild would give the same again.
+    pub(super) fn rests(&self, triangles: &Triangles, update: Update) -> bool {
+        (update != Update::Rebuild || !self.refits) && self.triangles.rest_as(triangles)
+    }
+
     pub(super) fn triangle_count(&self) -> usize {
         self.triangles.len()
     }

@@ -42,11 +42,22 @@ pub(super) struct Level {
     parts: usize,
     nodes: usize,
     depth: u32,
-    /// Owns the nodes and leaves; nothing if there are none.
-    _memory: Option<Arena>,
+    upper: Option<Upper>,
 }
 
-// SAFETY: after the build the memory that it refers to is never written.
+/// The upper level by numbers, and in memory.
+#[derive(Debug)]
+struct Upper {
+    outlines: Vec<Outline>,
+    seeds: Vec<Seed>,
+    plan: Plan,
+    /// The boxes that a ray met when it was built, see [`Plan::boxes_met`].
+    boxes_met: f64,
+    /// Owns the nodes and leaves.
+    _memory: Arena,
+}
+
+// SAFETY: the memory that it refers to is never written once its root leads there.
 unsafe impl Send for Level {}
 // SAFETY: as above.
 unsafe impl Sync for Level {}
@@ -62,7 +73,7 @@ pub(super) struct Below<'a> {
 pub(super) type Place = (u32, Instance);
 
 /// A part under construction.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Debug)]
 struct Seed {
     /// Number of the place.
     place: usize,
@@ -95,7 +106,7 @@ impl Level {
             parts: 0,
             nodes: 0,
             depth: 0,
-            _memory: None,
+            upper: None,
         }
     }
 
@@ -115,17 +126,34 @@ impl Level {
         if seeds.is_empty() {
             return Ok(level);
         }
-        let part = |seed: &Seed| {
-            let (number, instance) = &places[seed.place];
-            PlacedPart::new(instance, *number, outlines[instance.object as usize].node(seed.part))
-        };
-        let parts: Vec<PlacedPart> = seeds.iter().map(part).collect();
         let plan = plan(&seeds, parameters);
-        let (arena, node) = write::<Node<LEVEL_WIDTH>, _>(&plan, &parts.as_slice())?;
+        let (memory, node) = written(&outlines, &seeds, &plan, places)?;
         level.root = Root { node, bounds: plan.root.bounds, triangles: Arc::default() };
-        (level.parts, level.nodes, level.depth) = (parts.len(), plan.nodes(), plan.depth);
-        level._memory = Some(arena);
+        (level.parts, level.nodes, level.depth) = (seeds.len(), plan.nodes(), plan.depth);
+        let boxes_met = plan.boxes_met();
+        level.upper = Some(Upper { outlines, seeds, plan, boxes_met, _memory: memory });
         Ok(level)
+    }
+
+    /// Fits the level to the same places, moved, of objects that rest. Returns false, and has to be built
+    /// anew, where there is none, its cost has grown beyond `most` times that of its build, or memory ran
+    /// out.
+    pub(super) fn fit(&mut self, places: &[Place], most: f64) -> bool {
+        let Some(upper) = &mut self.upper else {
+            return false;
+        };
+        let (outlines, seeds) = (&upper.outlines, &mut upper.seeds);
+        seeds.par_iter_mut().for_each(|seed| *seed = placed(outlines, places, seed.place, seed.part));
+        upper.plan.fit(|number| seeds[number as usize].bounds);
+        if upper.plan.boxes_met() > most * upper.boxes_met {
+            return false;
+        }
+        let Ok((memory, node)) = written(outlines, seeds, &upper.plan, places) else {
+            return false;
+        };
+        self.root = Root { node, bounds: upper.plan.root.bounds, triangles: Arc::default() };
+        upper._memory = memory;
+        true
     }
 
     /// Bytes of nodes and parts.
@@ -155,6 +183,28 @@ impl Level {
     }
 }
 
+/// Nodes and leaves in memory, and the root's place.
+fn written(
+    outlines: &[Outline],
+    seeds: &[Seed],
+    plan: &Plan,
+    places: &[Place],
+) -> Result<(Arena, NodeRef), BuildError> {
+    let part = |seed: &Seed| {
+        let (number, instance) = &places[seed.place];
+        PlacedPart::new(instance, *number, outlines[instance.object as usize].node(seed.part))
+    };
+    let parts: Vec<PlacedPart> = seeds.iter().map(part).collect();
+    write::<Node<LEVEL_WIDTH>, _>(plan, &parts.as_slice())
+}
+
+/// A part of an object in its place.
+fn placed(outlines: &[Outline], places: &[Place], place: usize, part: usize) -> Seed {
+    let instance = &places[place].1;
+    let bounds = finite(outlines[instance.object as usize].placed(part, &instance.to_world));
+    Seed { place, part, bounds }
+}
+
 /// The upper parts of all objects' trees. One that is placed once may be opened as far as all others
 /// together.
 fn outlines(below: &[Below<'_>], places: &[Place], parameters: &TreeParameters) -> Vec<Outline> {
@@ -178,11 +228,7 @@ fn parts_most(places: usize, parameters: &TreeParameters) -> usize {
 
 /// One part a place, and more of those that are worth it.
 fn seeds(outlines: &[Outline], places: &[Place], parameters: &TreeParameters) -> Vec<Seed> {
-    let seed = |place: usize, part: usize| {
-        let instance = &places[place].1;
-        let bounds = finite(outlines[instance.object as usize].placed(part, &instance.to_world));
-        Seed { place, part, bounds }
-    };
+    let seed = |place: usize, part: usize| placed(outlines, places, place, part);
     let mut seeds: Vec<Seed> = (0..places.len()).into_par_iter().map(|place| seed(place, 0)).collect();
     let most = parts_most(places.len(), parameters);
     if seeds.len() < most {

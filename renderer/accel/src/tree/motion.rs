@@ -113,6 +113,11 @@ impl Tree {
         for_node!(parameters, N => for_block!(parameters, B => self.fit::<N, B>(device, triangles, update)))
     }
 
+    /// Whether there is nothing to follow: its triangles rest, and a rebuild would give the same again.
+    pub(super) fn rests(&self, triangles: &Triangles, update: Update) -> bool {
+        (update != Update::Rebuild || self.motion.is_none()) && self.root.triangles.rest_as(triangles)
+    }
+
     fn rebuild(&mut self, device: &Device, triangles: &Arc<Triangles>) -> Result<(), BuildError> {
         let isa = self.isa;
         let fresh = Self::build(device, triangles, &self.parameters)?;

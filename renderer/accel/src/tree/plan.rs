@@ -126,6 +126,37 @@ impl Plan {
         Link::leaf(self.leaves.len() - 1)
     }
 
+    /// Fits all boxes to those of what leaves hold, by its numbers.
+    pub(super) fn fit(&mut self, boxes: impl Fn(u32) -> Bounds) {
+        let mut of_nodes = vec![Bounds::EMPTY; self.nodes.len()];
+        // Children have higher numbers than their parents.
+        for node in (0..self.nodes.len()).rev() {
+            let Run { first, count } = self.nodes[node];
+            for child in first as usize..(first + count) as usize {
+                let bounds = self.around(self.children[child].link, &of_nodes, &boxes);
+                self.children[child].bounds = bounds;
+                of_nodes[node] = of_nodes[node].union(bounds);
+            }
+        }
+        self.root.bounds = self.around(self.root.link, &of_nodes, &boxes);
+    }
+
+    fn around(&self, link: Link, of_nodes: &[Bounds], boxes: &impl Fn(u32) -> Bounds) -> Bounds {
+        match link.named() {
+            Named::Node(node) => of_nodes[node],
+            Named::Leaf(leaf) => {
+                self.triangles(leaf).iter().map(|number| boxes(*number)).fold(Bounds::EMPTY, Bounds::union)
+            }
+        }
+    }
+
+    /// How many of its boxes a ray meets that meets the root's, by the surface area heuristic.
+    pub(super) fn boxes_met(&self) -> f64 {
+        let area: f64 = self.children.iter().map(|child| child.bounds.half_area()).sum();
+        let own = self.root.bounds.half_area();
+        if own > 0.0 { area / own } else { 1.0 }
+    }
+
     /// Number of inner nodes.
     pub(super) fn nodes(&self) -> usize {
         self.nodes.len()

@@ -79,43 +79,69 @@ impl TwoLevel {
         let below = self.objects.iter().zip(ranges);
         let mut below: Vec<Below<'_>> =
             below.map(|(tree, range)| Below { tree, first: range.start }).collect();
+        below.extend(self.flat.as_ref().map(|flat| Below { tree: &flat.tree, first: 0 }));
+        *self.level = Level::build(&below, &self.places(), self.isa, &self.parameters)?;
+        Ok(())
+    }
+
+    /// The places of objects that have triangles; last, in the world itself, that of the copied ones.
+    fn places(&self) -> Vec<Place> {
         let is_there = |bounds: Bounds| bounds.lower[0] <= bounds.upper[0];
         let mut places: Vec<Place> = (0..)
             .zip(self.instances.placed())
             .filter(|(_, instance)| is_there(self.objects[instance.object as usize].bounds()))
             .map(|(number, instance)| (number, *instance))
             .collect();
-        if let Some(flat) = self.flat.as_ref().filter(|flat| is_there(flat.bounds())) {
-            places.push((NO_INSTANCE, in_the_world(below.len())));
-            below.push(Below { tree: &flat.tree, first: 0 });
+        if self.flat.as_ref().is_some_and(|flat| is_there(flat.bounds())) {
+            places.push((NO_INSTANCE, in_the_world(self.objects.len())));
         }
-        *self.level = Level::build(&below, &places, self.isa, &self.parameters)?;
-        Ok(())
+        places
     }
 
-    /// Updates the objects' trees and rebuilds the upper level. Objects that nothing places stay empty.
+    /// Updates the trees of objects that move, then the upper level; see
+    /// [`Structure::update_instanced`](crate::Structure::update_instanced). Objects that nothing places stay
+    /// empty.
     pub(crate) fn update(
         &mut self,
         device: &Device,
         triangles: &Triangles,
+        instances: Option<&Arc<Instances>>,
         update: Update,
     ) -> Result<(), BuildError> {
         BuildError::same_count(self.triangles, triangles.len())?;
-        let mut outcome = Ok(());
+        update.check()?;
+        let instances = self.instances.followed_by(instances)?;
+        let (mut outcome, mut rest) = (Ok(()), true);
+        let mut follow = |tree: &mut Tree, now: Triangles| {
+            if !tree.rests(&now, update) {
+                rest = false;
+                // All trees must be of one moment, also after an error of one of them.
+                let followed = tree.update(device, &Arc::new(now), update);
+                if outcome.is_ok() {
+                    outcome = followed;
+                }
+            }
+        };
         if let Some(flat) = &mut self.flat {
-            let Some(copied) = copied(triangles, &self.instances, &self.flattened) else {
+            let Some(copied) = copied(triangles, &instances, &self.flattened) else {
                 // They have left the coordinates that copies may have.
-                let instances = Arc::clone(&self.instances);
                 *self = Self::build(device, triangles, &instances, &self.parameters)?;
                 return Ok(());
             };
-            outcome = flat.tree.update(device, &Arc::new(copied), update);
+            follow(&mut flat.tree, copied);
         }
-        for (tree, part) in self.objects.iter_mut().zip(parts(triangles, &self.instances, &self.flattened)) {
-            // All trees must be of one moment, also after an error of one of them.
-            outcome = outcome.and(tree.update(device, &Arc::new(part), update));
+        for (tree, part) in self.objects.iter_mut().zip(parts(triangles, &instances, &self.flattened)) {
+            follow(tree, part);
         }
-        self.join().and(outcome)
+        self.instances = instances;
+        let most = match update {
+            Update::Rebuild => None,
+            Update::Refit => Some(f64::INFINITY),
+            Update::Partial { rebuild_threshold } => Some(f64::from(rebuild_threshold)),
+        };
+        let places = self.places();
+        let is_fitted = rest && most.is_some_and(|most| self.level.fit(&places, most));
+        if is_fitted { outcome } else { self.join().and(outcome) }
     }
 
     /// The objects' trees; empty ones for those that nothing places, or that were copied into the world.
@@ -264,5 +290,71 @@ impl Intersector for TwoLevel {
         let Level { root, lower, kernels, .. } = &*self.level;
         // SAFETY: as above.
         unsafe { kernels.occluded_each(root, lower, packets, rays, occluded) };
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::{Quat, Vec3, Vec3A};
+
+    use super::*;
+
+    /// Eight small triangles, in two objects of four; the first object's stand `lift` higher.
+    fn triangles(lift: f32) -> Triangles {
+        let corner = |number: u32| {
+            let (turn, rise) = (2.4 * number as f32, if number < 12 { lift } else { 0.0 });
+            Vec3A::new(0.1 * turn.cos(), 0.02 * (number % 12) as f32 + rise, 0.1 * turn.sin())
+        };
+        let indices = (0..8).map(|at| [3 * at, 3 * at + 1, 3 * at + 2]).collect();
+        Triangles::new((0..24).map(corner).collect(), indices).expect("they are near")
+    }
+
+    /// They circle the middle, each at one of seven speeds.
+    fn walkers(moment: f32) -> Arc<Instances> {
+        let placed = (0..90u32).map(|number| {
+            let way = 0.7 * number as f32 + moment * ((number % 7) as f32 - 3.0);
+            let at = Quat::from_rotation_y(way) * Vec3::X * (3.0 + (number % 5) as f32);
+            (number % 2, Affine3A::from_rotation_translation(Quat::from_rotation_y(way), at))
+        });
+        Arc::new(Instances::new(8, vec![0..4, 4..8], placed).expect("they are sound"))
+    }
+
+    #[test]
+    fn trees_of_objects_that_rest_are_kept_and_the_level_follows_as_it_is_told() {
+        let device = Device::open(0).expect("Embree starts");
+        let parameters = TreeParameters::default();
+        let built = |lift: f32, moment: f32| {
+            TwoLevel::build(&device, &triangles(lift), &walkers(moment), &parameters).expect("it builds")
+        };
+        let roots = |two_level: &TwoLevel| {
+            let nodes = two_level.objects.iter().map(|tree| tree.root.node.into_raw().addr());
+            nodes.collect::<Vec<usize>>()
+        };
+        let fresh = built(0.0, 2.0).statistics().sah_cost;
+        for (update, most) in
+            [(Update::Rebuild, 1.0001), (Update::partial(1.1), 1.0001), (Update::Refit, f64::INFINITY)]
+        {
+            let mut two_level = built(0.0, 0.0);
+            let kept = roots(&two_level);
+            two_level
+                .update(&device, &triangles(0.0), Some(&walkers(2.0)), update)
+                .expect("they are the same objects");
+            two_level.validate().expect("it is sound");
+            assert_eq!(roots(&two_level), kept, "{update:?}");
+            assert!(two_level.objects.iter().all(|tree| tree.motion.is_none()), "{update:?}");
+            let growth = two_level.statistics().sah_cost / fresh;
+            assert!(growth < most && (most.is_finite() || growth > 1.5), "{update:?}: {growth}");
+        }
+        let mut two_level = built(0.0, 0.0);
+        let is_refitted =
+            |two_level: &TwoLevel| [0, 1].map(|object| two_level.objects[object].motion.is_some());
+        for (update, refitted) in [(Update::Refit, [true, false]), (Update::Rebuild, [false, false])] {
+            two_level.update(&device, &triangles(0.3), None, update).expect("they are as many");
+            two_level.validate().expect("it is sound");
+            assert_eq!(is_refitted(&two_level), refitted, "{update:?}");
+        }
+        let fewer = Arc::new(walkers(0.0).moved([]).expect("there is none"));
+        let error = two_level.update(&device, &triangles(0.3), Some(&fewer), Update::Refit);
+        assert_eq!(error, Err(BuildError::OtherInstances));
     }
 }
