@@ -355,18 +355,22 @@ impl Renderer {
     }
 
     /// Brings a structure that was built over another moment of the scene to this one; returns `build_ms`. It
-    /// must have as many triangles. After an error it can still be used, as it was or refitted.
+    /// must have as many triangles, and instances of the same objects. After an error it can still be used,
+    /// as it was or refitted.
     pub fn follow(&self, structure: &mut Structure, update: Update) -> Result<f64, BuildError> {
         let begin = Instant::now();
-        let triangles = &self.prepared.scene.triangles;
-        self.pool.install(|| structure.update(&self.device, triangles, update))?;
+        let (device, triangles) = (&self.device, &self.prepared.scene.triangles);
+        self.pool.install(|| match &self.prepared.scene.instances {
+            Some(instances) => structure.update_instanced(device, triangles, instances, update),
+            None => structure.update(device, triangles, update),
+        })?;
         Ok(milliseconds(begin))
     }
 
     /// Moves on to another moment of the scene and brings the kept structure along. Returns `build_ms`, the
     /// time for the structure. A structure of another choice, over another number of triangles or over
-    /// instances is rebuilt under every `update`. If that fails, the structure is that of the moment before,
-    /// or there is none where it would not fit.
+    /// instances of other objects is rebuilt under every `update`. If that fails, the structure is that of
+    /// the moment before, or there is none where it would not fit.
     pub fn animate(
         &mut self,
         scene: Arc<Scene>,
@@ -375,9 +379,12 @@ impl Renderer {
     ) -> Result<f64, BuildError> {
         let fits = {
             let before = self.scene();
-            before.triangles.len() == scene.triangles.len()
-                && before.instances.is_none()
-                && scene.instances.is_none()
+            let same_objects = match (&before.instances, &scene.instances) {
+                (None, None) => true,
+                (Some(before), Some(now)) => before.same_objects(now),
+                _ => false,
+            };
+            before.triangles.len() == scene.triangles.len() && same_objects
         };
         let kept = self.current.take().filter(|_| fits);
         self.set_scene(scene);

@@ -123,8 +123,10 @@ fn moving_scenes_are_followed() {
     let made =
         succeeds(path, "animate --scene builtin:quick --detail 0.1 --motion swarm --frames 2 --size 24x16");
     assert!(made.contains("quick-swarm"), "{made}");
+    let crowd = "animate --scene builtin:forest --detail 0.02 --motion crowd --frames 2 --size 24x16";
+    assert!(succeeds(path, crowd).contains("forest-crowd"));
     fails("animate --scene builtin:quick", USAGE, &["nothing moves", "builtin:sea", "--motion", "explode"]);
-    fails("animate --scene builtin:forest --detail 0.02 --motion sway", FAILED, &["--flatten"]);
+    fails("animate --scene builtin:forest --detail 0.02 --motion sway", FAILED, &["crowd", "--flatten"]);
     fails("animate --scene builtin:quick --motion fly", USAGE, &["fly", "ripple"]);
     fails("animate --scene builtin:quick --motion sway --animation 0", USAGE, &["--animation", "sway"]);
     fails("animate --scene builtin:quick --motion file", FAILED, &["no animation"]);

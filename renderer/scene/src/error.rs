@@ -78,9 +78,9 @@ pub enum SceneError {
         /// Why.
         source: GeometryError,
     },
-    /// Only triangles in the world can be moved, not those of instances.
+    /// Instances can be moved, but not deformed each in its own way.
     #[error(
-        "{name} is made of instances, whose parts cannot be moved; add --flatten to copy them into the world"
+        "{name} is made of instances, which cannot be deformed; take a motion of parts, such as crowd, or add --flatten to copy them into the world"
     )]
     Instanced {
         /// The scene.
@@ -101,6 +101,16 @@ pub enum SceneError {
     /// Moving parts have left the range of coordinates.
     #[error("the motion leads too far: {0}; move the scene less, or make it smaller")]
     Moved(#[from] GeometryError),
+    /// A moving instance has left the range of coordinates, or is flattened.
+    #[error(
+        "the motion leads instance {instance} of {name} too far or flattens it; add --flatten, or move the scene less"
+    )]
+    MovedInstance {
+        /// The scene.
+        name: String,
+        /// Number of the instance.
+        instance: usize,
+    },
     /// More vertices or meshes than the limits.
     #[error("{} has more than {VERTICES_MAX} vertices or {MESHES_MAX} meshes once instances are flattened; simplify the scene", path.display())]
     TooMany {

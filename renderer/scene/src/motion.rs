@@ -1,9 +1,10 @@
 //! Motions for scenes that stand still, so that updates of structures can be tuned on any scene.
 //!
-//! Three deform everything (`sway`, `twist`, `ripple`), four move parts: each about itself (`rigid`), apart
-//! (`explode`), through one another (`swarm`), or down and up again (`fall`). A part is a connected set of
-//! triangles, which share corners. All come round after a cycle, and time 0 is the scene at rest. The last
-//! (`file`) is an animation of the scene's own file, which keeps to neither.
+//! Three deform everything (`sway`, `twist`, `ripple`), five move parts: each about itself (`rigid`), apart
+//! (`explode`), through one another (`swarm`), down and up again (`fall`), or round on a path of its own
+//! (`crowd`). A part is an instance, or in a scene without any a connected set of triangles, which share
+//! corners. All come round after a cycle, and time 0 is the scene at rest. The last (`file`) is an animation
+//! of the scene's own file, which keeps to neither.
 
 use std::collections::HashMap;
 use std::f32::consts::{PI, TAU};
@@ -13,8 +14,10 @@ use glam::{Affine3A, Quat, Vec3, Vec3A};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
+use treewright_accel::{Instance, Instances};
 
 use super::error::one_line;
+use super::objects::can_stand;
 use super::{Bounds, Scene, SceneError};
 
 /// A way to move.
@@ -34,13 +37,15 @@ pub enum Motion {
     Swarm,
     /// Parts fall to the ground, one after the other, and rise again.
     Fall,
+    /// Parts walk, each round a circle of its own and facing the way; the large ones rest.
+    Crowd,
     /// As an animation of the scene's file says; a cycle is its duration.
     File,
 }
 
 impl Motion {
     /// All, in the order in which they are listed.
-    pub const ALL: [Self; 8] = [
+    pub const ALL: [Self; 9] = [
         Self::Sway,
         Self::Twist,
         Self::Ripple,
@@ -48,6 +53,7 @@ impl Motion {
         Self::Explode,
         Self::Swarm,
         Self::Fall,
+        Self::Crowd,
         Self::File,
     ];
 
@@ -61,6 +67,11 @@ impl Motion {
         self.words().1
     }
 
+    /// Whether points of a part move otherwise than the rest of it.
+    fn deforms(self) -> bool {
+        matches!(self, Self::Sway | Self::Twist | Self::Ripple)
+    }
+
     fn words(self) -> (&'static str, &'static str) {
         match self {
             Self::Sway => ("sway", "Everything bends to and fro, the more the higher"),
@@ -70,6 +81,7 @@ impl Motion {
             Self::Explode => ("explode", "Parts fly apart and come back"),
             Self::Swarm => ("swarm", "Parts circle the middle, each at its own speed"),
             Self::Fall => ("fall", "Parts fall to the ground one by one, and rise again"),
+            Self::Crowd => ("crowd", "Parts walk, each on a path of its own; the largest rest"),
             Self::File => ("file", "As an animation of the glTF file says (see --animation)"),
         }
     }
@@ -81,51 +93,59 @@ pub struct Mover {
     base: Arc<Scene>,
     motion: Motion,
     bounds: Bounds,
-    /// The part of each vertex.
+    /// By object its box, in a scene of instances.
+    boxes: Vec<Bounds>,
+    /// The part of each vertex. Instances are parts in order.
     part_of: Vec<u32>,
     parts: Vec<Part>,
     /// The number of the file's animation.
     clip: usize,
 }
 
+/// A part of a crowd rests if it reaches through this share of the scene, such as the ground.
+const LARGE: f32 = 0.4;
+
 /// Triangles that move as one.
 #[derive(Clone, Copy, Debug)]
 struct Part {
     center: Vec3,
     lowest: f32,
+    is_large: bool,
     /// Four numbers from -1 to 1 of its own.
     own: [f32; 4],
 }
 
 impl Mover {
-    /// Prepares a scene: O(vertices).
+    /// Prepares a scene: O(vertices + instances).
     ///
     /// # Errors
-    /// [`SceneError::Instanced`] for a scene of instances, and those of [`Mover::of_file`].
+    /// [`SceneError::Instanced`] for a scene of instances that is to be deformed, and those of
+    /// [`Mover::of_file`].
     pub fn new(base: Arc<Scene>, motion: Motion) -> Result<Self, SceneError> {
         if motion == Motion::File {
             return Self::of_file(base, None);
         }
-        if base.instances.is_some() {
-            return Err(SceneError::Instanced { name: base.name.clone() });
-        }
-        let bounds = Bounds::of(&base.triangles);
-        let part_of = parts_of(&base);
-        let count = part_of.iter().max().map_or(0, |last| *last as usize + 1);
-        let mut boxes = vec![Bounds::NOTHING; count];
-        for (at, part) in base.triangles.positions().iter().zip(&part_of) {
-            let at = Vec3::from(*at);
-            let around = &mut boxes[*part as usize];
-            *around = around.union(&Bounds { min: at, max: at });
-        }
+        let (bounds, boxes) = (base.bounds(), base.placed().object_boxes());
+        let (part_of, around_parts): (Vec<u32>, Vec<Bounds>) = match &base.instances {
+            Some(_) if motion.deforms() => {
+                return Err(SceneError::Instanced { name: base.name.clone() });
+            }
+            Some(instances) => {
+                let around = |one: &Instance| boxes[one.object as usize].transformed(&one.to_world);
+                (Vec::new(), instances.placed().iter().map(around).collect())
+            }
+            None => parts_of(&base),
+        };
         let mut random = ChaCha8Rng::seed_from_u64(1);
-        let parts = boxes.iter().map(|around| Part {
-            center: around.center(),
-            lowest: around.min.y,
-            own: std::array::from_fn(|_| random.random_range(-1.0..1.0)),
+        let parts = around_parts.iter().map(|around| {
+            let own = std::array::from_fn(|_| random.random_range(-1.0..1.0));
+            // An instance of nothing is nowhere.
+            let is_there = around.min.x <= around.max.x;
+            let (center, lowest) = if is_there { (around.center(), around.min.y) } else { (Vec3::ZERO, 0.0) };
+            Part { center, lowest, is_large: around.diagonal() > LARGE * bounds.diagonal(), own }
         });
         let parts = parts.collect();
-        Ok(Self { base, motion, bounds, part_of, parts, clip: 0 })
+        Ok(Self { base, motion, bounds, boxes, part_of, parts, clip: 0 })
     }
 
     /// Prepares a scene that moves by an animation of its file: that of this name or number, from 0, or the
@@ -149,16 +169,26 @@ impl Mover {
         if base.instances.is_some() {
             return Err(SceneError::Instanced { name: base.name.clone() });
         }
-        let (bounds, part_of, parts) = (Bounds::NOTHING, Vec::new(), Vec::new());
-        Ok(Self { base, motion: Motion::File, bounds, part_of, parts, clip })
+        let (bounds, boxes, part_of, parts) = (Bounds::NOTHING, Vec::new(), Vec::new(), Vec::new());
+        Ok(Self { base, motion: Motion::File, bounds, boxes, part_of, parts, clip })
     }
 
-    /// The scene at a moment, where 0 to 1 is one cycle. Triangles keep their numbers.
+    /// The scene at a moment, where 0 to 1 is one cycle. Triangles and instances keep their numbers. Where
+    /// only instances move, their triangles are shared by all moments.
     ///
     /// # Errors
-    /// [`SceneError::Moved`] where a vertex leaves the coordinates that there are.
+    /// [`SceneError::Moved`] where a vertex leaves the coordinates that there are, and
+    /// [`SceneError::MovedInstance`] where an instance does.
     pub fn at(&self, time: f32) -> Result<Arc<Scene>, SceneError> {
         let (time, base) = (time.rem_euclid(1.0), &self.base);
+        let number = if self.clip > 0 { self.clip.to_string() } else { String::new() };
+        let name = format!("{}-{}{number}", base.name, self.motion.name());
+        if let Some(instances) = &base.instances {
+            let pairs = self.parts.iter().zip(instances.placed());
+            let places = pairs.map(|(part, one)| self.place(part, time) * one.to_world).collect();
+            let instances = Some(self.placed(instances, places)?);
+            return Ok(Arc::new(Scene { name, instances, ..(**base).clone() }));
+        }
         let (positions, normals) = match &base.animated {
             Some(animated) if self.motion == Motion::File => {
                 animated.at(self.clip, time, &base.triangles, &base.normals)
@@ -166,17 +196,23 @@ impl Mover {
             _ => self.made(time),
         };
         let triangles = Arc::new(base.triangles.moved(positions)?);
-        let number = if self.clip > 0 { self.clip.to_string() } else { String::new() };
-        let name = format!("{}-{}{number}", base.name, self.motion.name());
         Ok(Arc::new(Scene { name, triangles, normals, ..(**base).clone() }))
+    }
+
+    /// Instances in other places, one for each.
+    fn placed(&self, before: &Instances, places: Vec<Affine3A>) -> Result<Arc<Instances>, SceneError> {
+        let stands =
+            |(to_world, one): (&Affine3A, &Instance)| can_stand(&self.boxes[one.object as usize], to_world);
+        if let Some(instance) = places.iter().zip(before.placed()).position(|pair| !stands(pair)) {
+            return Err(SceneError::MovedInstance { name: self.base.name.clone(), instance });
+        }
+        Ok(Arc::new(before.moved(places).expect("their places were checked")))
     }
 
     /// Positions and normals in a motion that is made up.
     fn made(&self, time: f32) -> (Vec<Vec3A>, Vec<Vec3>) {
-        let places: Vec<Affine3A> = match self.motion {
-            Motion::Sway | Motion::Twist | Motion::Ripple => Vec::new(),
-            _ => self.parts.iter().map(|part| self.place(part, time)).collect(),
-        };
+        let parts = if self.motion.deforms() { &[] } else { &self.parts[..] };
+        let places: Vec<Affine3A> = parts.iter().map(|part| self.place(part, time)).collect();
         let moved = |vertex: usize, at: Vec3A| match places.get(self.part_of[vertex] as usize) {
             Some(place) => place.transform_point3a(at),
             None => self.deformed(at.into(), time).into(),
@@ -204,12 +240,15 @@ impl Mover {
         let (size, middle) = (self.bounds.diagonal(), self.bounds.center());
         let [one, two, three, four] = part.own;
         let axis = Vec3::new(one, 0.5 + two.abs(), three).normalize_or(Vec3::Y);
-        let about = |turn: Quat| {
-            Affine3A::from_translation(part.center)
-                * Affine3A::from_quat(turn)
-                * Affine3A::from_translation(-part.center)
+        let about = |hub: Vec3, turn: Quat| {
+            Affine3A::from_translation(hub) * Affine3A::from_quat(turn) * Affine3A::from_translation(-hub)
         };
-        let shifted = |by: Vec3, turn: Quat| Affine3A::from_translation(by) * about(turn);
+        let shifted = |by: Vec3, turn: Quat| Affine3A::from_translation(by) * about(part.center, turn);
+        // Once or twice round in a cycle, one way or the other.
+        let round = || {
+            let turns = if one.abs() < 0.5 { one.signum() } else { 2.0 * one.signum() };
+            Quat::from_rotation_y(TAU * turns * time)
+        };
         match self.motion {
             Motion::Sway | Motion::Twist | Motion::Ripple | Motion::File => Affine3A::IDENTITY,
             Motion::Rigid => {
@@ -223,12 +262,13 @@ impl Mover {
                 shifted(by * out, Quat::from_axis_angle(axis, TAU * one * out))
             }
             Motion::Swarm => {
-                let turns = if one.abs() < 0.5 { one.signum() } else { 2.0 * one.signum() };
-                let around = Quat::from_rotation_y(TAU * turns * time);
                 let rise = 0.05 * size * two * ((TAU * time + PI * three).sin() - (PI * three).sin());
-                Affine3A::from_translation(middle + Vec3::Y * rise)
-                    * Affine3A::from_quat(around)
-                    * Affine3A::from_translation(-middle)
+                Affine3A::from_translation(Vec3::Y * rise) * about(middle, round())
+            }
+            Motion::Crowd if part.is_large => Affine3A::IDENTITY,
+            Motion::Crowd => {
+                let radius = size * (0.02 + 0.06 * two.abs());
+                about(part.center + Quat::from_rotation_y(PI * three) * Vec3::X * radius, round())
             }
             Motion::Fall => {
                 // A third of a cycle to fall from the top; each begins in a time of its own.
@@ -267,8 +307,8 @@ impl Mover {
     }
 }
 
-/// The part of each vertex. Vertices in one place are one.
-fn parts_of(scene: &Scene) -> Vec<u32> {
+/// The part of each vertex, and the box around each part. Vertices in one place are one.
+fn parts_of(scene: &Scene) -> (Vec<u32>, Vec<Bounds>) {
     let positions = scene.triangles.positions();
     let mut first_there: HashMap<[u32; 3], u32> = HashMap::with_capacity(positions.len());
     let mut parent: Vec<u32> = (0..)
@@ -284,14 +324,19 @@ fn parts_of(scene: &Scene) -> Vec<u32> {
             parent[high as usize] = low;
         }
     }
-    let mut number_of = HashMap::new();
-    (0..positions.len() as u32)
-        .map(|vertex| {
-            let root = root(&mut parent, vertex);
-            let next = number_of.len() as u32;
-            *number_of.entry(root).or_insert(next)
-        })
-        .collect()
+    let (mut number_of, mut boxes) = (HashMap::new(), Vec::<Bounds>::new());
+    let part = |(vertex, at): (u32, &Vec3A)| {
+        let root = root(&mut parent, vertex);
+        let number = *number_of.entry(root).or_insert_with(|| {
+            boxes.push(Bounds::NOTHING);
+            boxes.len() as u32 - 1
+        });
+        let (at, around) = (Vec3::from(*at), &mut boxes[number as usize]);
+        *around = around.union(&Bounds { min: at, max: at });
+        number
+    };
+    let part_of = (0..).zip(positions).map(part).collect();
+    (part_of, boxes)
 }
 
 /// The vertex that stands for a vertex's part; the way there is shortened.
@@ -338,7 +383,7 @@ mod tests {
     #[test]
     fn parts_stay_whole() {
         let base = scene("gallery");
-        for motion in [Motion::Rigid, Motion::Explode, Motion::Swarm, Motion::Fall] {
+        for motion in [Motion::Rigid, Motion::Explode, Motion::Swarm, Motion::Fall, Motion::Crowd] {
             let mover = Mover::new(base.clone(), motion).expect("it has no instances");
             assert!(mover.parts.len() > 20, "{}", mover.parts.len());
             let now = mover.at(0.4).expect("it stays in range");
@@ -366,6 +411,40 @@ mod tests {
                 usize::from(corners.iter().all(|&corner| now.normals[corner as usize].dot(flat) > 0.3));
         }
         assert!(upright * 10 > now.triangles.len() * 9, "{upright} of {}", now.triangles.len());
+    }
+
+    #[test]
+    fn instances_move_as_they_are() {
+        let base = scene("forest");
+        let before = base.instances.as_deref().expect("it is made of instances").placed();
+        for motion in [Motion::Rigid, Motion::Explode, Motion::Swarm, Motion::Fall, Motion::Crowd] {
+            let mover = Mover::new(base.clone(), motion).expect("its parts move");
+            let moved = |time: f32| {
+                let now = mover.at(time).expect("it stays in range");
+                assert!(Arc::ptr_eq(&now.triangles, &base.triangles), "{motion:?}");
+                let places = now.instances.as_deref().expect("they stay instances").placed().to_vec();
+                let pairs = before.iter().zip(&places);
+                let far = |(before, now): (&Instance, &Instance)| {
+                    now.to_world.translation.distance(before.to_world.translation)
+                };
+                let most = pairs.clone().map(far).fold(0.0, f32::max);
+                (pairs.filter(|pair| pair.0.to_world != pair.1.to_world).count(), most)
+            };
+            let reach = base.bounds().diagonal();
+            for time in [0.0, 3.0] {
+                assert!(moved(time).1 < 1e-4 * reach, "{motion:?} at {time}: {}", moved(time).1);
+            }
+            let (count, _) = moved(0.35);
+            // The ground, first of all, rests in a crowd.
+            let all = before.len() - usize::from(motion == Motion::Crowd);
+            assert!(
+                count == all || motion == Motion::Fall && count > all / 2,
+                "{motion:?}: {count} of {all}"
+            );
+        }
+        let crowd = Mover::new(base.clone(), Motion::Crowd).expect("its parts move");
+        let now = crowd.at(0.35).expect("it stays in range");
+        assert_eq!(now.instance(0).map(|ground| ground.to_world), Some(Affine3A::IDENTITY));
     }
 
     #[test]

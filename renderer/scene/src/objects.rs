@@ -46,13 +46,7 @@ impl Objects {
     }
 
     pub(super) fn place(&mut self, object: u32, to_world: Affine3A) {
-        let there = self.boxes[object as usize].transformed(&to_world);
-        let limit = Vec3::splat(COORDINATE_MAX);
-        let is_near = there.min.x > there.max.x
-            || (there.min.abs().cmple(limit).all() && there.max.abs().cmple(limit).all());
-        let inverse = to_world.inverse();
-        let invertible = to_world.matrix3.determinant() != 0.0 && to_world.is_finite() && inverse.is_finite();
-        if is_near && invertible {
+        if can_stand(&self.boxes[object as usize], &to_world) {
             self.placed.push((object, to_world));
         } else {
             self.left_out += 1;
@@ -110,6 +104,16 @@ impl Objects {
         let instances = Instances::new(triangles, ranges, placed);
         Ok(Some(instances.expect("ranges and transformations were checked on the way")))
     }
+}
+
+/// Whether an object with this box can be placed so: not flattened, nor too far away.
+pub(super) fn can_stand(around: &Bounds, to_world: &Affine3A) -> bool {
+    let there = around.transformed(to_world);
+    let limit = Vec3::splat(COORDINATE_MAX);
+    let is_near = there.min.x > there.max.x
+        || (there.min.abs().cmple(limit).all() && there.max.abs().cmple(limit).all());
+    let is_finite = to_world.is_finite() && to_world.inverse().is_finite();
+    is_near && is_finite && to_world.matrix3.determinant() != 0.0
 }
 
 #[cfg(test)]

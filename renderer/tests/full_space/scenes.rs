@@ -4,7 +4,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use glam::{Affine3A, Quat, Vec2, Vec3, Vec3A};
-use treewright_accel::{Card, Mask, Wrap};
+use treewright_accel::{Card, Instance, Mask, Wrap};
 use treewright_scene::assemble::{Assembler, Lighting};
 use treewright_scene::framing::CameraPose;
 use treewright_scene::part::Part;
@@ -139,11 +139,18 @@ fn masked(scene: Scene) -> Scene {
     Scene { triangles: Arc::new(triangles), ..scene }
 }
 
-/// Everything waved to and fro.
+/// Everything waved to and fro, and each instance turned by an angle of its own.
 fn later(scene: &Scene) -> Scene {
     let moved = scene.triangles.positions().iter().map(|position| {
         *position + Vec3A::new(0.2 * (3.0 * position.y).sin(), 0.0, 0.1 * (2.0 * position.x).cos())
     });
     let triangles = scene.triangles.moved(moved.collect()).expect("the scene is sound");
-    Scene { triangles: Arc::new(triangles), ..scene.clone() }
+    let instances = scene.instances.as_ref().map(|instances| {
+        let turned = |(number, one): (u8, &Instance)| {
+            Affine3A::from_rotation_y(0.05 * f32::from(number)) * one.to_world
+        };
+        let places = (0..).zip(instances.placed()).map(turned);
+        Arc::new(instances.moved(places).expect("turned ones can be inverted"))
+    });
+    Scene { triangles: Arc::new(triangles), instances, ..scene.clone() }
 }
