@@ -4,11 +4,11 @@
 use std::collections::HashMap;
 use std::sync::Arc;
 
-use glam::{DMat4, DVec3, Mat3, Mat4, Quat, Vec3, Vec3A};
+use glam::{Affine3A, DMat4, DVec3, Mat3, Mat4, Quat, Vec3, Vec3A};
 use gltf::animation::{Interpolation, Property};
 use gltf::scene::Transform;
 use rayon::prelude::*;
-use treewright_accel::Triangles;
+use treewright_accel::{Instances, Triangles};
 
 use super::part::normal_matrix;
 use super::{Placement, Up};
@@ -27,7 +27,20 @@ pub(super) struct Track {
     pub(super) width: usize,
 }
 
+/// Least scale that leaves room for an inverse.
+const SCALE_MIN: f32 = 1e-6;
+
 impl Track {
+    /// Whether it may flatten its node: by scales of next to nothing, or of both signs.
+    fn may_flatten(&self) -> bool {
+        let keeps_side = |axis: usize| {
+            let scales = || self.values.iter().skip(axis).step_by(3);
+            scales().all(|scale| *scale > SCALE_MIN) || scales().all(|scale| *scale < -SCALE_MIN)
+        };
+        let is_cubic = self.interpolation == Interpolation::CubicSpline;
+        self.property == Property::Scale && (is_cubic || !(0..3).all(keeps_side))
+    }
+
     /// The value at a time; before the first key its value, and after the last one that.
     fn at(&self, seconds: f32) -> Vec<f32> {
         let next = self.times.partition_point(|key| *key <= seconds);
@@ -140,6 +153,16 @@ impl Piece {
     }
 }
 
+/// An instance that a node carries.
+#[derive(Clone, Debug)]
+pub(super) struct Carried {
+    /// Its number among those that the file places.
+    pub(super) instance: usize,
+    pub(super) node: usize,
+    /// From the mesh's space to the node's.
+    pub(super) to_node: Mat4,
+}
+
 /// Where everything is at a moment.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Pose {
@@ -164,27 +187,36 @@ pub(super) struct Rig {
     pub(super) pieces: Vec<Piece>,
     /// The number of their vertices.
     pub(super) vertex_count: u32,
+    /// The instances that move.
+    pub(super) carried: Vec<Carried>,
+    /// The number of instances that the file places, moving or not.
+    pub(super) instance_count: usize,
 }
 
 impl Rig {
-    /// By node: whether an animation moves it or a node above it; and whether one changes its weights.
-    pub(super) fn moving(&self) -> [Vec<bool>; 2] {
-        let mut moving = [vec![false; self.rest.len()], vec![false; self.rest.len()]];
+    /// By node: whether an animation moves it or a node above it; whether one changes its weights; and
+    /// whether one may flatten it or a node above it.
+    pub(super) fn moving(&self) -> [Vec<bool>; 3] {
+        let mut moving: [Vec<bool>; 3] = std::array::from_fn(|_| vec![false; self.rest.len()]);
         for track in self.clips.iter().flat_map(|clip| &clip.tracks) {
             moving[usize::from(track.property == Property::MorphTargetWeights)][track.node] = true;
+            moving[2][track.node] |= track.may_flatten();
         }
         for (node, parent) in &self.order {
-            let is_carried = parent.is_some_and(|parent| moving[0][parent]);
-            moving[0][*node] |= is_carried;
+            for kind in [0, 2] {
+                let is_carried = parent.is_some_and(|parent| moving[kind][parent]);
+                moving[kind][*node] |= is_carried;
+            }
         }
         moving
     }
 
-    /// Takes out the tracks that move no piece, such as those of cameras. What moves one is a track of its
-    /// targets, or of its node, of a joint of its skin, or of a node above these.
+    /// Takes out the tracks that move no piece and no instance, such as those of cameras. What moves one is a
+    /// track of its targets, or of its node, of a joint of its skin, or of a node above these.
     pub(super) fn keep_what_moves(&mut self) {
         let (mut carries, mut morphs) = (vec![false; self.rest.len()], vec![false; self.rest.len()]);
         let mut is_used = vec![false; self.skins.len()];
+        self.carried.iter().for_each(|carried| carries[carried.node] = true);
         for piece in &self.pieces {
             morphs[piece.node] |= !piece.targets.is_empty();
             match &piece.skin {
@@ -254,8 +286,12 @@ pub struct Animated {
     rig: Arc<Rig>,
     /// From places of the file to places of the scene.
     to_scene: DMat4,
+    /// From lengths of the file to those of the scene, in objects too.
+    factor: f64,
     /// By vertex of the scene: its number among those of all pieces, or any larger one where it stands still.
     sources: Arc<[u32]>,
+    /// The instances that were copied into the world, and by vertex of the scene the number of its own.
+    copied: Option<(Arc<Instances>, Arc<[u32]>)>,
 }
 
 impl Animated {
@@ -264,13 +300,22 @@ impl Animated {
         let to_scene = DMat4::from_scale(DVec3::splat(placement.factor))
             * DMat4::from_translation(-placement.origin)
             * DMat4::from_mat3(up.matrix().as_dmat3());
-        Self { rig: Arc::new(rig), to_scene, sources: sources.into() }
+        let (rig, sources, factor) = (Arc::new(rig), sources.into(), placement.factor);
+        Self { rig, to_scene, factor, sources, copied: None }
     }
 
-    /// Of the same scene with its vertices copied: each by the number of the one that it was.
-    pub(super) fn copied(&self, copies: &[u32]) -> Self {
-        let sources = copies.iter().map(|vertex| self.sources[*vertex as usize]).collect();
-        Self { rig: Arc::clone(&self.rig), sources, ..*self }
+    /// Of the same scene with its instances copied into the world: by vertex the number of the one that it
+    /// was, and that of its instance.
+    pub(super) fn copied(&self, instances: &Arc<Instances>, copies: &[(u32, u32)]) -> Self {
+        let sources = copies.iter().map(|(vertex, _)| self.sources[*vertex as usize]).collect();
+        let of_vertex = copies.iter().map(|(_, instance)| *instance).collect();
+        let copied = (!self.rig.carried.is_empty()).then(|| (Arc::clone(instances), of_vertex));
+        Self { rig: Arc::clone(&self.rig), sources, copied, ..*self }
+    }
+
+    /// Whether vertices move, and not only whole instances.
+    pub(super) fn moves_vertices(&self) -> bool {
+        !self.rig.pieces.is_empty() || self.copied.is_some()
     }
 
     /// The animations that move something: the number of each, and its name.
@@ -287,6 +332,38 @@ impl Animated {
         found.map(|(number, _)| number)
     }
 
+    fn pose(&self, clip: usize, share: f32) -> Pose {
+        let clip = &self.rig.clips[clip];
+        self.rig.pose(Some((clip, share * clip.duration_s)), self.to_scene)
+    }
+
+    /// The places of the scene's instances at a share of an animation, from those at rest.
+    pub(super) fn places(&self, clip: usize, share: f32, rest: &Instances) -> Vec<Affine3A> {
+        let pose = self.pose(clip, share);
+        let mut places: Vec<Affine3A> = rest.placed().iter().map(|instance| instance.to_world).collect();
+        // What stands in the world itself comes before those of the file.
+        let first = places.len().saturating_sub(self.rig.instance_count);
+        let to_file = DMat4::from_scale(DVec3::splat(1.0 / self.factor));
+        for carried in &self.rig.carried {
+            let to_world = pose.worlds[carried.node] * carried.to_node.as_dmat4() * to_file;
+            if let Some(place) = places.get_mut(first + carried.instance) {
+                *place = Affine3A::from_mat4(to_world.as_mat4());
+            }
+        }
+        places
+    }
+
+    /// What an animation does to copied instances: by vertex, from its place at rest to that now.
+    fn carrying(&self, clip: usize, share: f32) -> impl Fn(usize) -> Option<Affine3A> + Sync {
+        let copied = self.copied.as_ref();
+        let moves = copied.map_or_else(Vec::new, |(instances, _)| {
+            let pairs = instances.placed().iter().zip(self.places(clip, share, instances));
+            let by = pairs.map(|(rest, now)| (now != rest.to_world).then(|| now * rest.to_object));
+            by.collect::<Vec<Option<Affine3A>>>()
+        });
+        move |vertex: usize| copied.and_then(|(_, of_vertex)| moves[of_vertex[vertex] as usize])
+    }
+
     /// Positions and normals of the scene at a share of an animation, from those at rest.
     pub(super) fn at(
         &self,
@@ -295,8 +372,7 @@ impl Animated {
         rest: &Triangles,
         normals: &[Vec3],
     ) -> (Vec<Vec3A>, Vec<Vec3>) {
-        let clip = &self.rig.clips[clip];
-        let pose = self.rig.pose(Some((clip, share * clip.duration_s)), self.to_scene);
+        let (pose, carrying) = (self.pose(clip, share), self.carrying(clip, share));
         let (mut posed, mut turned) = (Vec::new(), Vec::new());
         for piece in &self.rig.pieces {
             let [positions, normals] = piece.posed(&pose);
@@ -305,10 +381,18 @@ impl Animated {
             turned.resize(posed.len(), Vec3::ZERO);
         }
         let sources = self.sources.par_iter().map(|source| *source as usize);
-        let place = |(source, at): (usize, &Vec3A)| posed.get(source).map_or(*at, |at| Vec3A::from(*at));
-        let positions: Vec<Vec3A> = sources.clone().zip(rest.positions()).map(place).collect();
-        let upright = |(source, normal): (usize, &Vec3)| turned.get(source).copied().unwrap_or(*normal);
-        let mut normals: Vec<Vec3> = sources.zip(normals).map(upright).collect();
+        let place = |(vertex, (source, at)): (usize, (usize, &Vec3A))| match posed.get(source) {
+            Some(at) => Vec3A::from(*at),
+            None => carrying(vertex).map_or(*at, |by| by.transform_point3a(*at)),
+        };
+        let positions: Vec<Vec3A> = sources.clone().zip(rest.positions()).enumerate().map(place).collect();
+        let upright = |(vertex, (source, normal)): (usize, (usize, &Vec3))| match turned.get(source) {
+            Some(normal) => *normal,
+            None => carrying(vertex).map_or(*normal, |by| {
+                (normal_matrix(&Mat3::from(by.matrix3)) * *normal).normalize_or(*normal)
+            }),
+        };
+        let mut normals: Vec<Vec3> = sources.zip(normals).enumerate().map(upright).collect();
         if normals.is_empty() {
             return (positions, normals);
         }

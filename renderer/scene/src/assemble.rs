@@ -180,9 +180,9 @@ impl Assembler {
     }
 
     /// Places an object in the world. Transformations that cannot be inverted or lead too far out are left
-    /// out and counted.
-    pub fn place(&mut self, object: u32, to_world: Affine3A) {
-        self.objects.place(object, Affine3A::from_mat3(self.up.matrix()) * to_world);
+    /// out and counted; it says whether this one is placed.
+    pub fn place(&mut self, object: u32, to_world: Affine3A) -> bool {
+        self.objects.place(object, Affine3A::from_mat3(self.up.matrix()) * to_world)
     }
 
     /// Says that the mesh that is added next moves: the number of its first vertex among those of the rig.

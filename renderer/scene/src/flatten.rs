@@ -28,6 +28,7 @@ impl Scene {
             return Err(too_many());
         }
         let (mut positions, mut normals) = (Vec::<Vec3A>::new(), Vec::<Vec3>::new());
+        // The origins are vertices with their instances.
         let (mut uvs, mut cards, mut origins) = (Vec::new(), Vec::new(), Vec::new());
         let (mut indices, mut meshes) = (Vec::with_capacity(count), Vec::<Mesh>::new());
         let mut copies = vec![NONE; self.triangles.positions().len()];
@@ -57,7 +58,7 @@ impl Scene {
                             normals.push((upright * *normal).normalize_or(Vec3::Y));
                         }
                         uvs.extend(self.uvs.get(vertex as usize));
-                        origins.push(vertex);
+                        origins.push((vertex, number));
                     }
                     *copy
                 });
@@ -86,7 +87,7 @@ impl Scene {
         if !cards.is_empty() {
             triangles = triangles.masked(self.triangles.masks().to_vec(), cards).map_err(refuse)?;
         }
-        let animated = self.animated.as_ref().map(|animated| animated.copied(&origins));
+        let animated = self.animated.as_ref().map(|animated| animated.copied(instances, &origins));
         let triangles = Arc::new(triangles);
         Ok(Self { triangles, instances: None, normals, uvs, meshes, animated, ..self.clone() })
     }

@@ -11,7 +11,7 @@ use gltf::camera::Projection;
 use gltf::khr_lights_punctual::{Kind, Light};
 use gltf::{Document, Mesh, Node, Primitive};
 
-use super::animation::{Pose, Rig};
+use super::animation::{Carried, Pose, Rig};
 use super::assemble::{Assembler, Lighting};
 use super::error::one_line;
 use super::framing::CameraPose;
@@ -98,14 +98,13 @@ fn parse_message(error: &gltf::Error) -> String {
     }
 }
 
+/// The places of an object in the world, and what carries those that move.
+type Places = Vec<(Affine3A, Option<Carried>)>;
+
 /// An empty list for each mesh that is to become an object: those that several nodes name, if that saves
-/// enough triangles in all. None that is skinned or morphed, or that a moving node names, as far as there is
-/// room for such: what has none stands still anyway.
-pub(super) fn shared_meshes(
-    document: &Document,
-    copies: &Copies,
-    moving: &[bool],
-) -> Vec<Option<Vec<Affine3A>>> {
+/// enough triangles in all. None that is skinned or morphed, or that a node names which animations may
+/// flatten, as far as there is room for such: what has none stands still anyway.
+pub(super) fn shared_meshes(document: &Document, copies: &Copies, flattened: &[bool]) -> Vec<Option<Places>> {
     let sum = |mesh: &Mesh, of: fn(&Primitive) -> u64| {
         mesh.primitives().fold(0_u64, |sum, one| sum.saturating_add(of(&one)))
     };
@@ -114,7 +113,7 @@ pub(super) fn shared_meshes(
     for node in document.nodes() {
         if let Some(mesh) = node.mesh() {
             uses[mesh.index()] += copies.get(&node.index()).map_or(1, |copies| copies.len() as u64);
-            is_own[mesh.index()] |= moving[node.index()] || node.skin().is_some();
+            is_own[mesh.index()] |= flattened[node.index()] || node.skin().is_some();
         }
     }
     let mut posed = 0_u64;
@@ -161,10 +160,10 @@ struct Walk<'a> {
     orthographic: usize,
     copies: Copies,
     /// By mesh: where it stands, for one that becomes an object with instances.
-    instanced: Vec<Option<Vec<Affine3A>>>,
+    instanced: Vec<Option<Places>>,
     rig: Rig,
-    /// By node: whether an animation moves it; and whether one morphs its mesh.
-    moving: [Vec<bool>; 2],
+    /// By node: whether an animation moves it; whether one morphs its mesh; and whether one may flatten it.
+    moving: [Vec<bool>; 3],
     /// By skin: whether an animation moves a joint.
     bending: Vec<bool>,
     /// Where all is at rest.
@@ -221,9 +220,9 @@ impl Walk<'_> {
         self.pose = self.rig.pose(None, to_scene);
         let is_moved = |skin: &Vec<(usize, Mat4)>| skin.iter().any(|(joint, _)| self.moving[0][*joint]);
         self.bending = self.rig.skins.iter().map(is_moved).collect();
-        self.instanced = shared_meshes(document, &self.copies, &self.moving[0]);
+        self.instanced = shared_meshes(document, &self.copies, &self.moving[2]);
         let is_shared = |mesh: Mesh| self.instanced[mesh.index()].is_some();
-        let poses = |node: &Node| self.moving[0][node.index()] || node.skin().is_some();
+        let poses = |node: &Node| self.moving[2][node.index()] || node.skin().is_some();
         let still =
             found.iter().filter(|(node, _)| poses(node) && node.mesh().is_some_and(is_shared)).count();
         if still > 0 {
@@ -286,7 +285,10 @@ impl Walk<'_> {
         if let Some(places) = &mut self.instanced[mesh.index()]
             && stand.to_world.determinant() != 0.0
         {
-            places.push(Affine3A::from_mat4(stand.to_world));
+            let (node, to_node) = (stand.node.index(), stand.to_node);
+            let moves = self.moving[0][node] && !self.moving[2][node] && stand.node.skin().is_none();
+            let carried = moves.then_some(Carried { instance: 0, node, to_node });
+            places.push((Affine3A::from_mat4(stand.to_world), carried));
             return Ok(());
         }
         self.mesh(mesh, mesh.name().or(stand.node.name()).map(str::to_owned), Some(stand))
@@ -362,7 +364,13 @@ impl Walk<'_> {
             self.assembler.begin_object();
             self.mesh(&mesh, mesh.name().map(str::to_owned), None)?;
             let object = self.assembler.end_object();
-            places.into_iter().for_each(|to_world| self.assembler.place(object, to_world));
+            for (to_world, carried) in places {
+                if self.assembler.place(object, to_world) {
+                    let instance = self.rig.instance_count;
+                    self.rig.carried.extend(carried.map(|carried| Carried { instance, ..carried }));
+                    self.rig.instance_count += 1;
+                }
+            }
         }
         Ok(())
     }

@@ -218,14 +218,14 @@ fn animations_that_move_no_mesh_do_not_count() {
 
 #[test]
 fn moving_meshes_stay_instances_where_they_have_no_room() {
-    let is_shared = |vertices: u64, is_moving: bool| {
+    let is_shared = |vertices: u64, is_flattened: bool| {
         let (mut document, _) = triangle_document();
         document["accessors"][0]["count"] = json!(vertices);
         document["accessors"][1]["count"] = json!(vertices);
         document["nodes"] = json!([{"mesh": 0}, {"mesh": 0}]);
         let json = gltf::json::deserialize::from_str(&document.to_string()).unwrap();
         let document = gltf::Document::from_json(json).unwrap();
-        shared_meshes(&document, &Copies::new(), &[false, is_moving])[0].is_some()
+        shared_meshes(&document, &Copies::new(), &[false, is_flattened])[0].is_some()
     };
     let few = 3 * INSTANCING_SAVES_MIN;
     let many = POSED_VERTICES_MAX as u64;
@@ -338,10 +338,9 @@ fn faults_of_skins_and_targets_leave_the_mesh_as_it_stands() {
     stands(json!([]), json!([{"joints": [0]}]), "not all its vertices have joints and weights");
 }
 
-#[test]
-fn what_moves_beside_instances_moves_once_they_are_flattened() {
+/// Gives the file a mesh of 600 triangles, and behind its first node as many as make instances of it.
+fn add_instances(file: &mut GltfFile) -> usize {
     let count = 2 + INSTANCING_SAVES_MIN as usize / 600;
-    let mut file = GltfFile::new().animate(0, "translation", &[0.0], &[0.0, 7.0, 0.0]);
     let many = [0_u8, 0, 1, 0, 2, 0].repeat(600);
     let indices = file.accessor(5123, "SCALAR", 1800, &many);
     file.json["meshes"] = json!([{"primitives": [{"attributes": {"POSITION": 0}}]},
@@ -350,10 +349,19 @@ fn what_moves_beside_instances_moves_once_they_are_flattened() {
     nodes.extend((0..count).map(|number| json!({"mesh": 1, "translation": [number, 0, 0]})));
     file.json["scenes"] = json!([{"nodes": (0..nodes.len()).collect::<Vec<_>>()}]);
     file.json["nodes"] = json!(nodes);
+    count
+}
+
+#[test]
+fn what_moves_beside_instances_moves_whether_they_are_flattened_or_not() {
+    let mut file = GltfFile::new().animate(0, "translation", &[0.0], &[0.0, 7.0, 0.0]);
+    let count = add_instances(&mut file);
     let scene = file.still();
     assert!(scene.instances.is_some());
-    let refused = Mover::new(scene.clone(), Motion::File).map(|_| ()).unwrap_err().to_string();
-    assert!(refused.contains("--flatten"), "{refused}");
+    let moved = Mover::new(scene.clone(), Motion::File).unwrap().at(0.0).unwrap();
+    assert!(moved.instances.as_ref().unwrap().same_objects(scene.instances.as_ref().unwrap()));
+    assert_eq!(corners(&moved, 0)[0].y - corners(&scene, 0)[0].y, 7.0);
+    assert_eq!(corners(&moved, 1), corners(&scene, 1));
     let flat = Arc::new(scene.flattened().unwrap());
     let moved = Mover::new(flat.clone(), Motion::File).unwrap().at(0.0).unwrap();
     let rises: Vec<f32> = (0..flat.triangles.len())
@@ -361,4 +369,46 @@ fn what_moves_beside_instances_moves_once_they_are_flattened() {
         .collect();
     assert_eq!(rises.iter().filter(|rise| **rise == 7.0).count(), 1);
     assert_eq!(rises.iter().filter(|rise| **rise == 0.0).count(), 600 * count);
+}
+
+#[test]
+fn nodes_carry_instances_that_they_move_without_flattening_them() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.glb");
+    let up_and_away = [1.0, 0.0, 0.0, 1.0, 8.0, 0.0];
+    for (up, size) in [(Up::Y, 1.0_f32), (Up::Z, 1e-12)] {
+        let mut file = GltfFile::new().animate(2, "translation", &[0.0, 2.0], &up_and_away);
+        let count = add_instances(&mut file);
+        // A node hangs on the one that moves, and all on one that makes them smaller.
+        file.json["nodes"][2]["children"] = json!([3]);
+        let below: Vec<usize> = (0..=count).filter(|node| *node != 3).collect();
+        let root = json!({"children": below, "scale": [size, size, size]});
+        file.json["nodes"].as_array_mut().unwrap().push(root);
+        file.json["scenes"] = json!([{"nodes": [count + 1]}]);
+        std::fs::write(&path, file.bytes()).unwrap();
+        let rest = Arc::new(load_upright(&path, up).unwrap());
+        let now = Mover::new(rest.clone(), Motion::File).unwrap().at(0.5).unwrap();
+        assert!(Arc::ptr_eq(&now.triangles, &rest.triangles), "no vertex moves");
+        let rise = up.turned(Vec3::Y) * (4.0 * size * rest.placement.factor as f32);
+        let placed = |scene: &Scene| scene.instances.as_ref().unwrap().placed().to_vec();
+        let ways: Vec<Vec3> = (placed(&now).iter().zip(&placed(&rest)))
+            .map(|(now, rest)| Vec3::from(now.to_world.translation - rest.to_world.translation))
+            .collect();
+        assert_eq!(ways.iter().filter(|way| way.distance(rise) < 1e-3 * rise.length()).count(), 2, "{up:?}");
+        assert_eq!(ways.iter().filter(|way| **way == Vec3::ZERO).count(), count - 1, "{up:?}");
+        let expected = now.flattened().unwrap();
+        let flat = Arc::new(rest.flattened().unwrap());
+        let moved = Mover::new(flat, Motion::File).unwrap().at(0.5).unwrap();
+        let reach = expected.bounds().diagonal();
+        for triangle in (0..expected.triangles.len()).step_by(300) {
+            for (found, expected) in corners(&moved, triangle).into_iter().zip(corners(&expected, triangle)) {
+                assert!(found.distance(expected) < 1e-5 * reach, "{triangle}: {found}, not {expected}");
+            }
+        }
+    }
+    for (least, is_instanced) in [(0.5, true), (0.0, false), (-1.0, false)] {
+        let mut file = GltfFile::new().animate(2, "scale", &[0.0, 1.0], &[1.0, 1.0, 1.0, 1.0, least, 1.0]);
+        add_instances(&mut file);
+        assert_eq!(file.load().instances.is_some(), is_instanced, "{least}");
+    }
 }

@@ -152,7 +152,7 @@ impl Mover {
     /// first one.
     ///
     /// # Errors
-    /// [`SceneError::Instanced`] for a scene of instances, [`SceneError::NoAnimation`] where there is none.
+    /// [`SceneError::NoAnimation`] where there is none.
     pub fn of_file(base: Arc<Scene>, animation: Option<&str>) -> Result<Self, SceneError> {
         let animated = base.animated.as_ref();
         let Some(clip) = animated.and_then(|animated| animated.find(animation)) else {
@@ -166,10 +166,8 @@ impl Mover {
                 known: known.unwrap_or("none".to_owned()),
             });
         };
-        if base.instances.is_some() {
-            return Err(SceneError::Instanced { name: base.name.clone() });
-        }
-        let (bounds, boxes, part_of, parts) = (Bounds::NOTHING, Vec::new(), Vec::new(), Vec::new());
+        let boxes = base.placed().object_boxes();
+        let (bounds, part_of, parts) = (Bounds::NOTHING, Vec::new(), Vec::new());
         Ok(Self { base, motion: Motion::File, bounds, boxes, part_of, parts, clip })
     }
 
@@ -183,20 +181,28 @@ impl Mover {
         let (time, base) = (time.rem_euclid(1.0), &self.base);
         let number = if self.clip > 0 { self.clip.to_string() } else { String::new() };
         let name = format!("{}-{}{number}", base.name, self.motion.name());
-        if let Some(instances) = &base.instances {
-            let pairs = self.parts.iter().zip(instances.placed());
-            let places = pairs.map(|(part, one)| self.place(part, time) * one.to_world).collect();
-            let instances = Some(self.placed(instances, places)?);
-            return Ok(Arc::new(Scene { name, instances, ..(**base).clone() }));
-        }
-        let (positions, normals) = match &base.animated {
-            Some(animated) if self.motion == Motion::File => {
-                animated.at(self.clip, time, &base.triangles, &base.normals)
-            }
-            _ => self.made(time),
+        let animated = base.animated.as_ref().filter(|_| self.motion == Motion::File);
+        let moved = match animated {
+            Some(animated) => animated
+                .moves_vertices()
+                .then(|| animated.at(self.clip, time, &base.triangles, &base.normals)),
+            None => base.instances.is_none().then(|| self.made(time)),
         };
-        let triangles = Arc::new(base.triangles.moved(positions)?);
-        Ok(Arc::new(Scene { name, triangles, normals, ..(**base).clone() }))
+        let mut now = Scene { name, ..(**base).clone() };
+        if let Some((positions, normals)) = moved {
+            (now.triangles, now.normals) = (Arc::new(base.triangles.moved(positions)?), normals);
+        }
+        if let Some(instances) = &base.instances {
+            let places = match animated {
+                Some(animated) => animated.places(self.clip, time, instances),
+                None => {
+                    let pairs = self.parts.iter().zip(instances.placed());
+                    pairs.map(|(part, one)| self.place(part, time) * one.to_world).collect()
+                }
+            };
+            now.instances = Some(self.placed(instances, places)?);
+        }
+        Ok(Arc::new(now))
     }
 
     /// Instances in other places, one for each.

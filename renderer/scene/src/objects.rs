@@ -45,12 +45,15 @@ impl Objects {
         (self.ranges.len() - 1) as u32
     }
 
-    pub(super) fn place(&mut self, object: u32, to_world: Affine3A) {
-        if can_stand(&self.boxes[object as usize], &to_world) {
+    /// Says whether it could be placed.
+    pub(super) fn place(&mut self, object: u32, to_world: Affine3A) -> bool {
+        let is_placed = can_stand(&self.boxes[object as usize], &to_world);
+        if is_placed {
             self.placed.push((object, to_world));
         } else {
             self.left_out += 1;
         }
+        is_placed
     }
 
     /// A box around each placed object.
