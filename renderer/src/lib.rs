@@ -11,6 +11,7 @@
 //! | `disturbance` | the other work of a machine during a measurement |
 //! | `scheduling` | threads' processor times, and their waits for a processor |
 //! | `measure`, `statistics` | contenders in interleaved rounds, and conclusions from them |
+//! | `processes` | the difference between rounds of two processes |
 //! | `tuning` | the loop of the paper's Figure 1, over the wire |
 //! | `recorder` | the rays of a frame in a file |
 //!
@@ -26,6 +27,7 @@ pub mod light_sampling;
 pub mod limits;
 pub mod measure;
 pub mod noise;
+pub mod processes;
 pub mod recorder;
 pub mod render_options;
 pub mod scheduling;

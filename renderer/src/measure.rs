@@ -7,13 +7,14 @@
 
 use std::time::Instant;
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use treewright_accel::Structure;
 
 use crate::film::Film;
 use crate::frame::{FrameTimes, Renderer, milliseconds};
 use crate::integrator::View;
 use crate::light_sampling::LearningTimes;
+use crate::processes::Processes;
 use crate::scheduling::{ThreadTimes, of_process};
 use crate::space::Choice;
 use crate::statistics::{Ratio, Summary};
@@ -56,7 +57,7 @@ pub struct Conditions {
 }
 
 /// The times of one contender.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct Measured {
     /// The contender.
     pub who: Who,
@@ -66,6 +67,8 @@ pub struct Measured {
     pub structure_bytes: Option<usize>,
     /// Why there is nothing, if the structure cannot be built.
     pub failure: Option<String>,
+    /// Rounds of this process and of a second one, where there was one.
+    pub processes: Option<[usize; 2]>,
 }
 
 /// Median and quartiles of a contender, and of its speed-ups over the first one.
@@ -95,6 +98,9 @@ pub struct Standing {
     pub structure_bytes: Option<usize>,
     /// Why there is nothing, if the structure cannot be built.
     pub failure: Option<String>,
+    /// The processes that ran the rounds, where there were two.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub processes: Option<Processes>,
 }
 
 impl Standing {
@@ -105,7 +111,10 @@ impl Standing {
 
     /// That ratio with its interval.
     pub fn gain_over(&self, other: &Standing) -> Ratio {
-        Ratio::of(&other.undelayed_ms, &self.undelayed_ms)
+        match self.processes.filter(|_| other.processes.is_some()) {
+            Some(processes) => processes.ratio(&other.undelayed_ms, &self.undelayed_ms),
+            None => Ratio::of(&other.undelayed_ms, &self.undelayed_ms),
+        }
     }
 
     /// The name for people, e.g. `native used well (high)`.
@@ -114,6 +123,21 @@ impl Standing {
             Some(variant) => format!("{} ({variant})", self.who),
             None => self.who.to_string(),
         }
+    }
+}
+
+impl Measured {
+    /// With the rounds of a second process after its own. Who failed in one of them keeps its own alone, which
+    /// pair with the others' first.
+    #[must_use]
+    pub fn joined(mut self, second: Measured) -> Self {
+        self.failure = self.failure.or(second.failure);
+        if self.failure.is_some() {
+            return self;
+        }
+        self.processes = Some([self.frames.len(), second.frames.len()]);
+        self.frames.extend(second.frames);
+        self
     }
 }
 
@@ -296,16 +320,22 @@ pub fn delay_note(standings: &[Standing]) -> Option<String> {
 /// Compares all contenders with the first one.
 pub fn standings(measured: &[Measured], frames_per_build: u32) -> Vec<Standing> {
     let cost = |times: FrameTimes| frame_cost(times, frames_per_build);
-    let undelayed_ms =
+    let undelayed =
         |one: &Measured| -> Vec<f64> { one.frames.iter().map(|times| cost(times.undelayed())).collect() };
-    let first = measured.first().map(undelayed_ms).unwrap_or_default();
+    let costs: Vec<Vec<f64>> = measured.iter().map(undelayed).collect();
+    let first = costs.first().cloned().unwrap_or_default();
+    let joined = measured.iter().zip(&costs).filter(|(one, _)| one.processes.is_some());
+    let joined: Vec<&[f64]> = joined.map(|(_, costs)| costs.as_slice()).collect();
+    let rounds = measured.iter().find_map(|one| one.processes);
+    let processes = rounds.map(|rounds| Processes::of(&joined, rounds));
     measured
         .iter()
-        .map(|one| {
+        .zip(costs.iter().cloned())
+        .map(|(one, undelayed_ms)| {
             let each = |of: &dyn Fn(FrameTimes) -> f64| -> Vec<f64> {
                 one.frames.iter().map(|times| of(*times)).collect()
             };
-            let (rounds_ms, undelayed_ms) = (each(&cost), undelayed_ms(one));
+            let rounds_ms = each(&cost);
             Standing {
                 who: one.who.clone(),
                 variant: None,
@@ -317,6 +347,7 @@ pub fn standings(measured: &[Measured], frames_per_build: u32) -> Vec<Standing> 
                 undelayed_ms,
                 structure_bytes: one.structure_bytes,
                 failure: one.failure.clone(),
+                processes: one.processes.and(processes),
             }
         })
         .collect()
@@ -378,6 +409,30 @@ mod tests {
         let note = delay_note(&all).expect("30 of 210 ms");
         assert!(note.contains("14 %"), "{note}");
         assert_eq!(delay_note(&all[1..]), None);
+    }
+
+    #[test]
+    fn rounds_of_a_second_process_follow_and_widen_the_interval() {
+        let of = |name: &'static str, render_ms: &[f64], failure: Option<&str>| Measured {
+            who: Who::Named(name.into()),
+            build_ms: vec![0.0; render_ms.len()],
+            render_ms: render_ms.into(),
+            failure: failure.map(str::to_owned),
+            ..Measured::default()
+        };
+        let own = [of("a", &[30.0; 4], None), of("b", &[20.0; 4], None), of("c", &[10.0; 4], None)];
+        let second = [of("", &[30.0; 4], None), of("", &[24.0; 4], None), of("", &[10.0], Some("full"))];
+        let joined: Vec<Measured> = own.into_iter().zip(second).map(|(one, two)| one.joined(two)).collect();
+        let all = standings(&joined, 1);
+        assert_eq!(all[1].rounds_ms, [20.0, 20.0, 20.0, 20.0, 24.0, 24.0, 24.0, 24.0]);
+        assert_eq!(all[1].processes.map(|processes| processes.rounds), Some([4, 4]));
+        let [low, high] = all[1].gain_over(&all[0]).interval.expect("there are eight rounds");
+        assert!(low < 1.24 && high > 1.51, "beyond [1.25, 1.5]: [{low}, {high}]");
+        assert_eq!((all[2].failure.as_deref(), all[2].rounds_ms.len()), (Some("full"), 4));
+        assert_eq!(all[2].gain_over(&all[0]).interval, None, "one process alone, of four rounds");
+        let text = serde_json::to_string(&joined[1]).expect("it is JSON");
+        let read: Measured = serde_json::from_str(&text).expect("it is one");
+        assert_eq!((read.render_ms, read.processes), (joined[1].render_ms.clone(), Some([4, 4])));
     }
 
     fn quick(rounds: u32, frames_per_build: u32) -> (Renderer, Conditions) {

@@ -177,6 +177,11 @@ impl TuningResults {
         self.standings.iter().find(|standing| standing.who == *who)
     }
 
+    /// In words, for the end of a clause: that two processes ran the rounds of the standings, if they did.
+    pub fn in_processes(&self) -> &'static str {
+        if self.standings.iter().any(|one| one.processes.is_some()) { " in two processes" } else { "" }
+    }
+
     /// Speed of the best one over the baseline, median of pairs.
     pub fn speedup(&self) -> f64 {
         self.speedup_over(&self.baseline).unwrap_or(1.0)

@@ -483,6 +483,7 @@ mod tests {
             undelayed_ms: vec![10.0 / speedup],
             structure_bytes: None,
             failure: None,
+            processes: None,
         };
         let standings = [standing(Who::PaperDefault, 20.0, 1.0), standing(Who::Tuned, 30.0, 1.25)];
         let mut trials = vec![trial(Some(10.0), 1), trial(None, 2), trial(Some(8.0), 3)];

@@ -151,7 +151,7 @@ fn gains(results: &TuningResults) -> String {
     };
     let words = parts.iter().filter_map(|(name, ratio)| Some(format!("{name} {}", (*ratio)?)));
     let words = words.collect::<Vec<_>>().join(" ").replace(" ;", ";");
-    format!("gain, with intervals of 95 %: {words}")
+    format!("gain{}, with intervals of 95 %: {words}", results.in_processes())
 }
 
 /// The answers on the way, each once.

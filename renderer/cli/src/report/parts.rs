@@ -148,7 +148,8 @@ pub(super) fn explanation(results: &TuningResults) -> String {
         ""
     };
     format!(
-        "Medians of {frames} paired frames, measured again after the search.{other}{disturbed}{}",
+        "Medians of {frames} paired frames, measured again after the search{}.{other}{disturbed}{}",
+        results.in_processes(),
         why(results)
     )
 }

@@ -10,6 +10,7 @@ use super::*;
 use treewright_renderer::disturbance::Disturbance;
 use treewright_renderer::frame::FrameTimes;
 use treewright_renderer::measure::{Measured, standings};
+use treewright_renderer::processes::Processes;
 use treewright_renderer::space::{Preset, TuningSpace};
 use treewright_renderer::statistics::{BreakEven, Ratio};
 use treewright_renderer::tuning::objective::Objective;
@@ -159,6 +160,18 @@ fn the_page_says_what_was_measured() {
     assert_eq!(html.matches("data:image/png;base64,").count(), 2);
     assert_eq!(html.matches("<svg").count(), 2);
     assert!(html.contains("4 trials ran 1 different configurations"));
+}
+
+#[test]
+fn two_processes_are_told() {
+    let page_of = |results: &TuningResults| page(results, &grey(), &grey()).expect("the page is made");
+    let mut results = results(50.0, "hall");
+    assert!(page_of(&results).contains("measured again after the search."));
+    for one in &mut results.standings {
+        one.processes = Some(Processes { rounds: [5, 4], spread: 0.01 });
+    }
+    assert!(page_of(&results).contains("measured again after the search in two processes."));
+    assert!(page_of(&results).contains("renders this scene 2.00× [1.97, 2.03] faster"));
 }
 
 #[test]
