@@ -57,6 +57,9 @@ pub const SAMPLES_PER_PLACE_MAX: u32 = 10_000_000;
 /// Most rounds in which winners are measured again.
 pub const ROUNDS_MAX: u32 = 10_000;
 
+/// Longest time in seconds that a search waits for the rounds of a second process.
+pub const SECOND_PROCESS_S_MAX: u64 = 600;
+
 /// Most configurations of one benchmark.
 pub const CONTENDERS_MAX: usize = 64;
 

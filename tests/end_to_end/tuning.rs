@@ -46,6 +46,9 @@ fn a_renderer_is_tuned_and_the_command_line_shows_it() {
         assert!(shown.to_lowercase().contains(row), "no {row} in the table:\n{shown}");
     }
     let results = read(&file);
+    let rounds = &results["standings"][0]["processes"]["rounds"];
+    assert_eq!(*rounds, serde_json::json!([11, 11]), "{}", results["notes"]);
+    assert!(shown.contains("gain in two processes"), "{shown}");
     let ran = results["trials"].as_array().expect("the trials are told");
     // None, where nothing that is left could still be better than the start.
     let confirming =

@@ -36,7 +36,7 @@ use tracing_subscriber::util::SubscriberInitExt as _;
 use treewright_accel::Isa;
 use treewright_client::{overrules_tls, without_empty_variables, without_tls_variables};
 
-use commands::{animate, bench, best, image, info, play, rays, sample, tune};
+use commands::{animate, bench, best, image, info, play, rays, rounds, sample, tune};
 use error::CliError;
 use manual::ManualCommand;
 
@@ -84,6 +84,9 @@ enum Command {
     Spaces(info::SpacesArguments),
     /// Tune the acceleration structure for a scene.
     Tune(Box<tune::Arguments>),
+    /// Run rounds that another process asks for on standard input.
+    #[command(hide = true)]
+    Rounds(Box<tune::Arguments>),
     /// Measure random configurations and record them as trials, for `treewright analyze`.
     Sample(Box<sample::Arguments>),
     /// Print the best known configuration for a scene and view, as JSON.
@@ -178,6 +181,7 @@ fn run(command: &Command) -> Result<(), CliError> {
         Command::Scenes(arguments) => info::scenes(arguments),
         Command::Spaces(arguments) => info::spaces(arguments),
         Command::Tune(arguments) => tune::run(arguments),
+        Command::Rounds(arguments) => rounds::run(arguments),
         Command::Sample(arguments) => sample::run(arguments),
         Command::Best(arguments) => best::run(arguments),
         Command::Play(arguments) => play::run(arguments),

@@ -3,10 +3,13 @@
 #[path = "support/program.rs"]
 mod program;
 
+use std::io::Write;
 use std::path::Path;
-use std::process::Command;
+use std::process::{Command, Output, Stdio};
 
+use treewright_accel::NativeQuality;
 use treewright_accel::recording::{RayClass, Recording};
+use treewright_renderer::space::Choice;
 
 use program::{FAILED, USAGE, fails, folder, succeeds};
 
@@ -261,6 +264,33 @@ fn the_laboratory_is_looked_for_beside_the_program() {
     let handed_on = converge();
     assert_eq!(String::from_utf8_lossy(&handed_on.stdout), "[--scene][a b.ply][--json]");
     assert_eq!(handed_on.status.code(), Some(5), "its exit code is the program's");
+}
+
+#[test]
+fn rounds_run_for_another_process_as_long_as_it_waits() {
+    let folder = folder();
+    let ask = |rounds: u32, waits: bool| -> Output {
+        let choice = Choice::native(NativeQuality::Low);
+        let order = serde_json::json!({"rounds": rounds, "choices": [choice, choice]});
+        let mut command = Command::new(PROGRAM);
+        let arguments = "rounds --scene builtin:quick --detail 0.1 --size 24x16";
+        command.current_dir(folder.path()).args(arguments.split(' '));
+        let piped = command.stdin(Stdio::piped()).stdout(Stdio::piped());
+        let mut child = piped.spawn().expect("the program starts");
+        let mut input = child.stdin.take().expect("it is a pipe");
+        writeln!(input, "{order}").expect("it is read");
+        let input = waits.then_some(input);
+        let output = child.wait_with_output().expect("it ends");
+        drop(input);
+        output
+    };
+    let answer = ask(2, true);
+    assert!(answer.status.success(), "{}", answer.status);
+    let measured: serde_json::Value = serde_json::from_slice(&answer.stdout).expect("it is JSON");
+    assert_eq!(measured.as_array().map(Vec::len), Some(2));
+    assert_eq!(measured[1]["render_ms"].as_array().map(Vec::len), Some(2));
+    assert!(!ask(10_000, false).status.success(), "who asked is gone");
+    fails("rounds --scene builtin:quick", USAGE, &["`tune` starts"]);
 }
 
 #[test]

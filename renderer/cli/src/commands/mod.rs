@@ -7,6 +7,7 @@ pub(crate) mod image;
 pub(crate) mod info;
 pub(crate) mod play;
 pub(crate) mod rays;
+pub(crate) mod rounds;
 pub(crate) mod sample;
 pub(crate) mod tune;
 mod tune_arguments;

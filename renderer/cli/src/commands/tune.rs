@@ -7,17 +7,17 @@ use treewright_client::blocking::{Client, Study};
 use treewright_client::{Configuration, ConfirmationStage, Indicators, Source};
 
 pub(crate) use super::tune_arguments::Arguments;
-use super::tune_output;
+use super::{rounds, tune_output};
 use crate::arguments::{note_retired, read_configuration};
 use crate::error::{CliError, check_folder, write_file};
 use crate::interrupt::Interrupt;
 use crate::output;
 use crate::report;
 use crate::server::machine;
-use treewright_renderer::disturbance::{Disturbance, Watch};
+use treewright_renderer::disturbance::Disturbance;
 use treewright_renderer::frame::{Renderer, milliseconds};
 use treewright_renderer::limits::ITERATIONS_MAX;
-use treewright_renderer::measure::{Conditions, Contender, Standing, delay_note, interleaved, standings};
+use treewright_renderer::measure::{Conditions, Contender, Standing, delay_note, standings};
 use treewright_renderer::space::TuningSpace;
 use treewright_renderer::tuning::confirmation;
 use treewright_renderer::tuning::ending::{Ending, Progress};
@@ -28,17 +28,12 @@ use treewright_renderer::tuning::search::{self, SearchOutcome, SearchSetting};
 use treewright_renderer::tuning::verdict::{self, Gains, Rival};
 use treewright_renderer::tuning::who::Who;
 use treewright_renderer::tuning::workload::Workload;
+use treewright_scene::Scene;
 use treewright_scene::camera_path::CameraPath;
 use treewright_scene::indicators::SceneIndicators;
-use treewright_scene::{Camera, Scene};
 
 /// Place on the camera path of the fresh camera for which the predictor is asked.
 const FRESH_STEP: f32 = 0.2;
-
-/// Fewest rounds that have an interval, with the one that is forgotten, and the time after which no further
-/// ones begin.
-const ROUNDS_LEAST: u32 = 7;
-const ROUNDS_TIME: Duration = Duration::from_secs(120);
 
 /// Longest time for the last reports to reach the service.
 const FLUSH: Duration = Duration::from_secs(10);
@@ -141,11 +136,11 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
     };
     let mut judge =
         Judge { renderer: &mut renderer, study: &study, space: &space, workload, arguments, interrupt };
-    let conditions = judge.conditions(camera);
+    let conditions = arguments.conditions(camera);
     spinner.set_message("measuring everybody in fresh rounds");
     let start_name = verdict::start_name(space.preset(), &start);
     let (mut standings, disturbance) =
-        judge.standings(&winner, &rivals, &milestones, &baseline.who, &conditions)?;
+        judge.standings(&winner, &rivals, &milestones, &baseline.who, &conditions, &mut notes)?;
     let milestones = judge.milestones(milestones, &mut standings, &winner, &start_name);
     let is_proven = proof.as_ref().is_some_and(|proof| proof.confirmation.stage == ConfirmationStage::Better);
     let may_win = |who: &Who| verdict::is_had(who, &start);
@@ -350,27 +345,6 @@ struct Judge<'a> {
 }
 
 impl Judge<'_> {
-    fn conditions(&self, camera: Camera) -> Conditions {
-        Conditions {
-            view: self.arguments.view.frame.view(camera),
-            width: self.arguments.view.size.width,
-            height: self.arguments.view.size.height,
-            rounds: self.arguments.rounds,
-            frames_per_build: self.arguments.objective.frames_per_build(),
-            yardstick: self.arguments.objective.yardstick(),
-        }
-    }
-
-    fn measure(&mut self, contenders: &[Contender], conditions: &Conditions) -> Vec<Standing> {
-        let (begin, mut rounds) = (Instant::now(), 0);
-        let measured = interleaved(self.renderer, contenders, conditions, || {
-            rounds += 1;
-            let has_time = rounds <= ROUNDS_LEAST || begin.elapsed() < ROUNDS_TIME;
-            has_time && !self.interrupt.requested()
-        });
-        standings(&measured, conditions.frames_per_build)
-    }
-
     /// All rivals and the search's best, in fresh rounds, with the other work of the machine.
     fn standings(
         &mut self,
@@ -379,6 +353,7 @@ impl Judge<'_> {
         milestones: &[Milestone],
         baseline: &Who,
         conditions: &Conditions,
+        notes: &mut Vec<String>,
     ) -> Result<(Vec<Standing>, Disturbance), CliError> {
         let mut contenders: Vec<Contender> = rivals.iter().map(|rival| rival.contender.clone()).collect();
         contenders.push(verdict::contender(Who::Found, self.space, found)?);
@@ -392,8 +367,9 @@ impl Judge<'_> {
                 contenders.push(verdict::contender(who, self.space, &milestone.configuration)?);
             }
         }
-        let watch = Watch::begin();
-        let standings = verdict::keep_best_native(self.measure(&contenders, conditions));
+        let (measured, watch) =
+            rounds::in_two_processes(self.renderer, &contenders, conditions, self.interrupt, notes);
+        let standings = verdict::keep_best_native(standings(&measured, conditions.frames_per_build));
         let rounds = standings.iter().find(|one| one.who == *baseline).map(|one| one.rounds_ms.clone());
         let disturbance = watch.end(self.renderer.threads(), &rounds.unwrap_or_default());
         Ok((standings, disturbance))
@@ -449,13 +425,16 @@ impl Judge<'_> {
         let mut contenders = vec![baseline.clone()];
         contenders.extend(rivals.iter().filter(asked).map(|rival| rival.contender.clone()));
         contenders.push(verdict::contender(Who::Predicted, self.space, &answer.configuration)?);
+        let conditions = self.arguments.conditions(camera);
+        let stop = || self.interrupt.requested();
+        let measured = rounds::measure(self.renderer, &contenders, &conditions, 1, stop);
         Ok(Some(Prediction {
             camera_at,
             mode: answer.mode,
             reason: answer.reason.summary,
             configuration: answer.configuration,
             answer_ms,
-            standings: verdict::keep_best_native(self.measure(&contenders, &self.conditions(camera))),
+            standings: verdict::keep_best_native(standings(&measured, conditions.frames_per_build)),
         }))
     }
 }

@@ -6,8 +6,10 @@ use std::time::Duration;
 use clap::Args;
 use treewright_client::{Policy, SessionPolicy};
 use treewright_renderer::limits::{FRAMES_PER_TRIAL_MAX, ITERATIONS_MAX, PATIENCE_S_MAX, ROUNDS_MAX};
+use treewright_renderer::measure::Conditions;
 use treewright_renderer::space::{Narrowing, Preset};
 use treewright_renderer::tuning::objective::Objective;
+use treewright_scene::Camera;
 
 use crate::arguments::{SpaceArguments, StartArguments, ViewArguments, objective, unit_interval};
 use crate::episode_arguments::EpisodeArguments;
@@ -67,9 +69,10 @@ pub(crate) struct Arguments {
     pub(super) reuse: ReuseArguments,
 
     /// Interleaved rounds in which the winner is measured again, beside the start and native Embree, each
-    /// with builds of its own as far as a minute goes. Who is not shown to be faster than the start there
-    /// does not replace it; fewer than six rounds show nothing by themselves. After two minutes there are no
-    /// more than six.
+    /// with builds of its own as far as a minute goes. From six on, half of them (rounded up) run in a second
+    /// process, which may measure some per cent differently; intervals hold that. Who is not shown to be
+    /// faster than the start there does not replace it; fewer than six rounds show nothing by themselves.
+    /// After two minutes there are no more than six.
     #[arg(long, value_name = "N", default_value_t = 21, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..=i64::from(ROUNDS_MAX)))]
     pub(super) rounds: u32,
 
@@ -136,6 +139,18 @@ impl Arguments {
     /// Frames rendered with each configuration.
     pub(super) fn frames(&self) -> u32 {
         self.frames.unwrap_or(1)
+    }
+
+    /// The conditions of the measurements after the search.
+    pub(super) fn conditions(&self, camera: Camera) -> Conditions {
+        Conditions {
+            view: self.view.frame.view(camera),
+            width: self.view.size.width,
+            height: self.view.size.height,
+            rounds: self.rounds,
+            frames_per_build: self.objective.frames_per_build(),
+            yardstick: self.objective.yardstick(),
+        }
     }
 
     /// Longest wait for an answer of the daemon.
