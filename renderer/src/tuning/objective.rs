@@ -201,10 +201,15 @@ pub fn study_id(objective: Objective, space: &TuningSpace) -> String {
     format!("{}-{}", objective.name(), space_in_ids(space))
 }
 
-/// The name of a space in the ids of its studies. The full space, which had more parameters once, has a
-/// number, e.g. `full-3`: studies with the former ones stay what they are.
+/// The name of a space in the ids of its studies. A space that had other parameters once has a number, e.g.
+/// `full-3`: studies with the former ones stay what they are.
 pub fn space_in_ids(space: &TuningSpace) -> String {
-    space.name() + if space.preset() == Preset::Full { "-3" } else { "" }
+    let number = match space.preset() {
+        Preset::Full => "-3",
+        Preset::Light => "-2",
+        Preset::Paper | Preset::Follow => "",
+    };
+    space.name() + number
 }
 
 #[cfg(test)]
@@ -221,6 +226,24 @@ mod tests {
         assert_eq!(study_id(Objective::Total, &space(true, true)), "total-full-robust-instanced-3");
         assert_eq!(study_id(Objective::Total, &TuningSpace::paper()), "total-paper");
         assert_eq!(space_in_ids(&space(false, true)), "full-instanced-3");
+    }
+
+    #[test]
+    fn a_space_with_other_parameters_has_another_id() {
+        for (objective, preset, id, parameters) in [
+            (
+                Objective::Error,
+                Preset::Light,
+                "error-light-lamps-sun-sky-shared-2",
+                "candidates lamps lamp_weight sun_share sky shares sky_share shadow_roulette path_roulette",
+            ),
+            (Objective::Motion, Preset::Follow, "motion-follow", "tree period repair_above"),
+        ] {
+            let space = TuningSpace::new(preset, &Premises::all());
+            let names: Vec<&str> =
+                space.space().parameters().iter().map(|parameter| parameter.name.as_str()).collect();
+            assert_eq!((study_id(objective, &space).as_str(), names.join(" ").as_str()), (id, parameters));
+        }
     }
 
     #[test]
