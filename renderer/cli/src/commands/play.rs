@@ -29,7 +29,7 @@ use treewright_renderer::frame::{FrameTimes, Renderer, milliseconds};
 use treewright_renderer::integrator::View;
 use treewright_renderer::limits::ITERATIONS_MAX;
 use treewright_renderer::scheduling::{ThreadTimes, of_process};
-use treewright_renderer::space::{Choice, Preset, TuningSpace};
+use treewright_renderer::space::{Choice, Preset, Start, TuningSpace};
 use treewright_renderer::statistics::Summary;
 use treewright_renderer::tuning::objective::{Objective, frame_cost, specification, study_id};
 use treewright_renderer::tuning::reuse::Reuse;
@@ -171,7 +171,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
     let objective = arguments.objective.objective(&reuse);
     let space = arguments.space.of(&scene, objective)?;
     let (start, space) = arguments.start.of(&space)?;
-    let made = || study_id(objective, &space) + &start.mark(&space);
+    let made = || study_of_flight(objective, &space, &start, moves);
     let id = arguments.server.study.clone().unwrap_or_else(made);
     let study = client.study(&id, specification(&space, objective, Policy::new())?)?;
     if let Some(epsilon) = arguments.epsilon {
@@ -259,6 +259,13 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
         write_file(path, output::to_json(&results)?.as_bytes())?;
     }
     if interrupt.requested() { Err(CliError::Interrupted) } else { Ok(()) }
+}
+
+/// The study of a flight. Where a structure is fitted to what moves, its build is not what a scene at rest
+/// pays for the same tree in the same state: such flights have a study of their own.
+fn study_of_flight(objective: Objective, space: &TuningSpace, start: &Start, moves: bool) -> String {
+    let fits = moves && space.preset() == Preset::Full;
+    study_id(objective, space) + if fits { "-moving" } else { "" } + &start.mark(space)
 }
 
 /// The state that moves on from frame to frame.
@@ -486,6 +493,7 @@ fn safety(frames: &[PlayedFrame]) -> Option<Safety> {
 mod tests {
     use clap::Parser as _;
     use treewright_accel::{BuildChoice, TreeParameters};
+    use treewright_renderer::space::Premises;
 
     use super::*;
 
@@ -518,6 +526,17 @@ mod tests {
         ];
         assert_eq!(safety(&frames), Some(Safety { frames: 2, dear: 1, worst: 1.5 }));
         assert_eq!(safety(&frames[2..]), None, "nothing was compared");
+    }
+
+    #[test]
+    fn fits_to_what_moves_are_not_taken_for_builds() {
+        let full = TuningSpace::new(Preset::Full, &Premises { instanced: false, ..Premises::all() });
+        let id = |space: &TuningSpace, start, moves| study_of_flight(Objective::Total, space, &start, moves);
+        assert_eq!(id(&full, Start::Recommended, false), study_id(Objective::Total, &full));
+        assert_eq!(id(&full, Start::Recommended, true), "total-full-3-moving");
+        assert_eq!(id(&full, Start::Native, true), "total-full-3-moving-from-native");
+        // There all is built anew.
+        assert_eq!(id(&TuningSpace::paper(), Start::Recommended, true), "total-paper");
     }
 
     #[test]
