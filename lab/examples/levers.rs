@@ -2,8 +2,8 @@
 //! time to an error of a tenth, and ways to follow motion, by the mean frame of an episode.
 //!
 //! `cargo run --release -p treewright-lab --example levers -- --lever light|follow [--rounds N] [--width N]
-//! [--frames N] [--winners FOLDER] WORLD...` A world is a file or `builtin:NAME`; for `follow` a motion (`itself` for
-//! scenes that move by themselves) and cycles in an episode stand behind it, as in
+//! [--frames N] [--winners FOLDER] WORLD...` A world is a file or `builtin:NAME`; for `follow` a motion
+//! (`itself` for scenes that move by themselves) and cycles in an episode stand behind it, as in
 //! `builtin:city@sway@0.25`. Without winners a few ways to follow are compared. With a folder of files that
 //! `treewright-render tune --objective error|motion --json` wrote, named like the worlds
 //! (`city-sway-0.25.json`), every world's winner runs in every world, and each is compared with the one way

@@ -1,6 +1,6 @@
 //! Faults of disk, log and clock under a running daemon: the errors of clients, the service that goes on, and
-//! the data afterwards. `docs/durability.md` has the table of these and other faults; `server/store/tests` has
-//! locks of other programs, and files that are damaged or replaced.
+//! the data afterwards. `docs/durability.md` has the table of these and other faults; `server/store/tests`
+//! has locks of other programs, and files that are damaged or replaced.
 
 use std::collections::BTreeSet;
 use std::io::Write as _;

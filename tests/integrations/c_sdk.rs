@@ -76,8 +76,8 @@ fn install(prefix: &Path) {
     succeed(Command::new("bash").arg(file("c/install.sh")).arg(prefix).arg(built()));
 }
 
-/// Compiles a source against the installed library. The options stand after the source, where the linker wants
-/// the names of further libraries.
+/// Compiles a source against the installed library. The options stand after the source, where the linker
+/// wants the names of further libraries.
 fn compile(compiler: &str, options: &[&str], source: &Path, prefix: &Path, program: &str) -> PathBuf {
     let program = prefix.join(program);
     let library = prefix.join("lib");

@@ -11,8 +11,8 @@
 //!   medium quality, and such scenes are behind the tunable tree with AVX2 (`docs/measurements/lean.md`).
 //! * Spatial splits and their budget act with high quality; its values are few, because each takes a device.
 //! * Of Table 1's two costs only the ratio acts: `traversal_cost` counts in triangle tests.
-//! * Table 1's `static` sets a builder flag that a tree built once does not feel. How a structure follows what
-//!   moves takes many frames to judge; the space `follow` has it.
+//! * Table 1's `static` sets a builder flag that a tree built once does not feel. How a structure follows
+//!   what moves takes many frames to judge; the space `follow` has it.
 //! * Trees shallower than 24 levels were never among the good ones, and every tenth of them cannot be built.
 //! * Camera rays and their shadow rays go in packets of sixteen, all others alone, in the order of their
 //!   pixels: neither other packets nor sorting pay, nor do other tiles or fewer threads.

@@ -4,8 +4,8 @@
 //! little or answers at once by a prediction. In progressive rendering a structure is kept as long as the
 //! configuration does not change; in real-time rendering each frame builds its own.
 //!
-//! With `--rounds` the scene moves as well, and the structure follows: parts that have decayed are built anew,
-//! in the paper's space all of it.
+//! With `--rounds` the scene moves as well, and the structure follows: parts that have decayed are built
+//! anew, in the paper's space all of it.
 
 use std::path::PathBuf;
 use std::sync::Arc;
