@@ -137,6 +137,12 @@ impl SearchOutcome {
         let numbered = trials.into_iter().map(|trial| Iteration { number: last + trial.number, ..trial });
         self.trials.extend(numbered);
     }
+
+    /// The trials of a search in a part of a space, with the values that it [holds](TuningSpace::with_held).
+    pub fn whole_trials(&self, part: &TuningSpace) -> Vec<Iteration> {
+        let whole = |trial: &Iteration| part.with_held(&trial.configuration);
+        self.trials.iter().map(|trial| Iteration { configuration: whole(trial), ..trial.clone() }).collect()
+    }
 }
 
 /// Frames of the baseline before the search, and again after it.
@@ -443,7 +449,7 @@ pub(super) mod testing {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::space::{Premises, Preset};
+    use crate::space::{Narrowing, Premises, Preset};
     use crate::tuning::verdict::baseline;
     use treewright_accel::NativeQuality;
     use treewright_scene::builtin::{self, Options};
@@ -464,6 +470,18 @@ mod tests {
             indicators: Indicators::new(),
         };
         (renderer, setting)
+    }
+
+    #[test]
+    fn trials_in_a_part_of_a_space_are_told_with_what_was_fixed() {
+        let fixed = Narrowing::fix("robust=true").expect("it reads");
+        let part = TuningSpace::paper().narrowed(&[fixed]).expect("something is left");
+        let start = part.default_configuration();
+        let trials = vec![Iteration { configuration: start.clone(), ..testing::trial(Some(10.0), 1) }];
+        let found = SearchOutcome { trials, reference_ms: 10.0, disturbance: Disturbance::default() };
+        let told = found.whole_trials(&part);
+        assert_eq!((&told[0].configuration, told[0].cost), (&part.with_held(&start), Some(10.0)));
+        assert_ne!(told[0].configuration, start);
     }
 
     #[test]

@@ -197,7 +197,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
         indicators: setting.indicators.clone(),
         safety: None,
         overhead: Overhead::of(&found.trials),
-        trials: found.trials,
+        trials: found.whole_trials(&space),
         confirmation: proof,
         reference_ms: found.reference_ms,
         found: space.with_held(&winner),
