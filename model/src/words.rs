@@ -25,8 +25,8 @@ pub trait Word: Copy + PartialEq + fmt::Debug + 'static {
     }
 }
 
-/// Declares an enum and its words together, so that neither can be forgotten. Words of earlier versions, whose
-/// place a value has taken, stand behind it after bars.
+/// Declares an enum and its words together, so that neither can be forgotten. Words of earlier versions,
+/// whose place a value has taken, stand behind it after bars.
 macro_rules! words {
     (
         $(#[$meta:meta])*

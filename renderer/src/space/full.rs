@@ -7,8 +7,9 @@
 //!
 //! * `robust` decides which hits are found at edges. That is a question of correctness, which the user
 //!   decides (`--robust`) and not the search. Embree's quality high falls back to medium with it.
-//! * `compact` of Table 1 is native Embree's compact scene. It is in the paper's space alone: layouts act with
-//!   medium quality, and such scenes are behind the tunable tree with AVX2 (`docs/measurements/lean.md`).
+//! * `compact` of Table 1 is native Embree's compact scene. It is in the paper's space alone: layouts act
+//!   with medium quality, and such scenes are behind the tunable tree with AVX2
+//!   (`docs/measurements/lean.md`).
 //! * Spatial splits and their budget act with high quality; its values are few, because each takes a device.
 //! * Of Table 1's two costs only the ratio acts: `traversal_cost` counts in triangle tests.
 //! * Table 1's `static` sets a builder flag that a tree built once does not feel. How a structure follows
