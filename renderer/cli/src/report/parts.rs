@@ -51,6 +51,8 @@ pub(super) fn headline(results: &TuningResults) -> String {
         Objective::Error => ("light sampling", "reaches the same error"),
         Objective::Motion => ("way to follow", "keeps up with the motion"),
     };
+    let pair = results.standing(&results.best).zip(results.standing(&results.baseline));
+    let interval = pair.and_then(|(best, baseline)| best.gain_over(baseline).interval);
     if results.best == Who::Nobody || results.best == results.baseline {
         format!("Here {} is as good as anything the search found.", the(&results.baseline))
     } else if !results.search_won() {
@@ -59,25 +61,17 @@ pub(super) fn headline(results: &TuningResults) -> String {
             the(&results.best),
             the(&results.baseline)
         )
-    } else if speedup >= WORTH_TELLING && is_open(results) {
+    } else if speedup >= WORTH_TELLING && interval.is_some_and(|[low, _]| low <= 1.0) {
         format!(
             "Too noisy to tell whether the tuned {what} is faster than {}: {speedup:.2}× in the median.",
             the(&results.baseline)
         )
     } else if speedup >= WORTH_TELLING {
-        let pair = results.standing(&results.best).zip(results.standing(&results.baseline));
-        let interval = pair.and_then(|(best, baseline)| best.gain_over(baseline).interval);
         let interval = interval.map_or_else(String::new, |[low, high]| format!(" [{low:.2}, {high:.2}]"));
         format!("The tuned {what} {does} {speedup:.2}×{interval} faster than {}.", the(&results.baseline))
     } else {
         format!("The tuned {what} is as fast as {}.", the(&results.baseline))
     }
-}
-
-/// Whether the interval of the gain over the baseline holds no gain, too.
-fn is_open(results: &TuningResults) -> bool {
-    let over = results.gains.over_native_default.filter(|_| results.baseline == NATIVE_DEFAULT);
-    over.and_then(|ratio| ratio.interval).is_some_and(|[low, _]| low <= 1.0)
 }
 
 /// The gain and its parts.

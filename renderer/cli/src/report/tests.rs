@@ -129,14 +129,16 @@ fn grey() -> Picture {
 
 #[test]
 fn a_gain_whose_interval_holds_none_is_not_told_as_one() {
-    let mut results = results(50.0, "hall");
-    results.baseline = NATIVE_DEFAULT;
-    let over = |low| Some(Ratio { median: 2.0, interval: Some([low, 2.2]), count: 21 });
-    results.gains.over_native_default = over(0.9);
     let page_of = |results: &TuningResults| page(results, &grey(), &grey()).expect("the page is made");
-    assert!(page_of(&results).contains("Too noisy to tell whether the tuned structure is faster"));
-    results.gains.over_native_default = over(1.1);
-    assert!(page_of(&results).contains("faster than native Embree"));
+    for baseline in [NATIVE_DEFAULT, Who::PaperDefault] {
+        let mut results = results(50.0, "hall");
+        results.baseline = baseline;
+        assert!(page_of(&results).contains("The tuned structure renders this scene "));
+        // In three rounds of nine it was slow.
+        let tuned = results.standings.iter_mut().find(|one| one.who == Who::Tuned).expect("it won");
+        tuned.undelayed_ms[..3].fill(200.0);
+        assert!(page_of(&results).contains("Too noisy to tell whether the tuned structure is faster than "));
+    }
 }
 
 #[test]
