@@ -75,8 +75,8 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "T", default_value_t = 1.0, value_parser = unit_interval)]
     to: f32,
 
-    /// Number of cycles of a scene that moves (see --motion) during the flight; each frame in which it moves
-    /// gets its own structure.
+    /// Number of cycles of a scene that moves (see --motion) during the flight; the structure follows in each
+    /// frame in which it moves.
     #[arg(long, value_name = "N", default_value_t = 0.0, allow_negative_numbers = true)]
     rounds: f32,
 
