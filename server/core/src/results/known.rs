@@ -40,6 +40,12 @@ impl ResultTable {
         self.ranked().find(|record| !record.is_doubtful(reach))
     }
 
+    /// The number of configurations of which it is only known that they cost more than a bound.
+    pub(crate) fn stopped(&self) -> usize {
+        let is_stopped = |record: &&Record| record.measurements == 0 && record.lower_bound.is_some();
+        self.records.iter().filter(is_stopped).count()
+    }
+
     /// The `best` best of the ranked records, `others` of the rest, evenly spread over their ranks, and those
     /// of the named configurations, in the order of the ranking; all where there are no more.
     pub(crate) fn spread(&self, best: usize, others: usize, named: &[&Configuration]) -> Vec<&Record> {

@@ -23,6 +23,8 @@ const OBSERVATIONS_MAX: usize = 128;
 /// every `DOUBTED_EVERY` tried configurations, until it has `DOUBTED_UNTIL` measurements.
 const DOUBTED_EVERY: u64 = 3;
 const DOUBTED_UNTIL: u64 = 3;
+/// Where nothing else was measured and so many configurations were stopped, the incumbent is measured again.
+const STOPPED_BESIDE: usize = 3;
 
 /// The best [`LEADERS`] that are not yet clearly better than the incumbent are measured again once
 /// [`LEADERS_FROM`] configurations were tried and the share [`LEADERS_LATE`] of the budget is spent. Earlier,
@@ -138,7 +140,8 @@ impl Tuner {
 
     /// The incumbent, where it is to be measured again while others are explored, because it shows the speed
     /// of the client's machine. An incumbent of other states that does badly here is measured again soon, so
-    /// that it gives way. Once the search is spent the confirmation measures it anyway.
+    /// that it gives way. One whose single cost may be far too low is measured again where all others were
+    /// stopped by it. Once the search is spent the confirmation measures it anyway.
     fn incumbent_again(&self, client_id: &str, room: usize, state: StateId) -> Option<ProposedTrial> {
         let (results, incumbent) = (self.states.results(state), self.incumbent(state));
         let goes_on = self.searches.taken(state, results, &self.spec.policy) < room && !results.is_exact();
@@ -151,7 +154,9 @@ impl Tuner {
             && record.measurements < DOUBTED_UNTIL
             && results.tried() as u64 >= DOUBTED_EVERY * record.measurements;
         let is_due = is_doubtful || self.speeds.is_due(client_id, state, hurried, results.wanders());
-        if !(self.spec.policy.track_speed && goes_on && is_due) {
+        let is_unsure = record.measurements < 2 || record.evidence.is_torn();
+        let is_alone = is_unsure && results.ranked().len() == 1 && results.stopped() >= STOPPED_BESIDE;
+        if !(goes_on && (is_alone || self.spec.policy.track_speed && is_due)) {
             return None;
         }
         let point = decision::ExploredPoint::Incumbent { is_default, round: None };

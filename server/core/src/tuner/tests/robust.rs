@@ -91,6 +91,25 @@ fn one_absurd_report_stops_no_later_trial() {
     }
 }
 
+/// Beside the first report nothing tells that it is far too low, and everything else is stopped by it.
+#[test]
+fn one_absurdly_low_first_report_stops_few_trials() {
+    for wild in [0.0, 1e-300, 1e-3] {
+        let mut tuner = tuner(Policy { epsilon: 1.0, trials_per_state: 60, ..Policy::default() });
+        let mut stopped = 0;
+        for frame in 0..40 {
+            let question = Ask { can_abort: true, ..ask("a", 0.5, 0.5) };
+            let trial = tuner.suggest(&question, 0).expect("valid").0;
+            let cost = if frame == 0 { wild } else { near(&trial) };
+            let is_stopped = trial.decision.abort_above().is_some_and(|cap| cost > cap);
+            stopped += u64::from(is_stopped);
+            let outcome = if is_stopped { Outcome::Aborted { lower_bound: cost } } else { Outcome::Ok };
+            assert!(tuner.report(&trial, measured(cost), outcome, 1).is_ok());
+        }
+        assert!((1..=8).contains(&stopped), "{stopped} of 40 after {wild:e}");
+    }
+}
+
 /// In worlds where everything costs the same, the number of those in which a trial of the race was stopped,
 /// and in which the default stayed the answer. `stops` says whether a trial of the race is stopped, and its
 /// bound, by whether it runs the default and whether another one was stopped before.
