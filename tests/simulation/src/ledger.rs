@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use serde::Serialize;
 use tonic::{Code, Status};
-use treewright_core::trial::{RawTrial, TrialState};
+use treewright_core::trial::{Outcome, RawTrial, TrialState};
 use treewright_proto::v1 as wire;
 use treewright_store::Store as _;
 
@@ -216,7 +216,7 @@ impl Ledger {
         let is_same = |handed: &wire::Configuration| Some(handed) == trial.configuration.as_ref();
         let has_run = |number: &u64| {
             let stored = now(durable.store.get_trial("world", *number));
-            stored.is_ok_and(|stored| stored.state == TrialState::Completed && stored.cost.is_some())
+            stored.is_ok_and(|stored| stored.outcome == Some(Outcome::Ok))
         };
         let mut alike = self.handed.iter().filter(|(_, (_, handed))| is_same(handed));
         trial.mode == wire::Mode::Default as i32
