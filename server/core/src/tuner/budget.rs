@@ -80,7 +80,7 @@ pub struct Account {
     /// The state the client is in, and the last frames there that did not explore.
     state_id: u64,
     references: Vec<f64>,
-    /// The cheapest frame of the default in this stay.
+    /// The cheapest frame of the default in this stay that cost anything.
     default: Option<f64>,
 }
 
@@ -242,7 +242,8 @@ impl Account {
             for charge in std::mem::take(&mut self.unsettled) {
                 add(&mut self.charged, (charge.cost - GUARD * charge.before.min(cost)).max(0.0));
             }
-            if is_default {
+            // Of nothing no trial may cost a multiple, and the least would stay.
+            if is_default && cost > 0.0 {
                 self.default = Some(self.default.map_or(cost, |least| least.min(cost)));
             }
             self.references.push(cost);
@@ -275,6 +276,16 @@ mod tests {
         // A client that cannot stop must have earned the worst case.
         assert!(with_frames(499).leave(TERMS, false, true).is_err());
         assert_eq!(with_frames(500).leave(TERMS, false, true).expect("earned").set_aside, 500.0);
+    }
+
+    #[test]
+    fn a_frame_that_was_read_as_nothing_does_not_end_exploring() {
+        let mut account = Account::open(7, 1);
+        account.enter(1);
+        account.report(1, 1, Some(0.0), true);
+        assert_eq!(account.leave(TERMS, true, true), Err(Denied::NoReference));
+        (2..42).for_each(|number| account.report(number, 1, Some(10.0), true));
+        assert_eq!(account.leave(TERMS, true, true).expect("forty frames earn four").reference, 10.0);
     }
 
     #[test]
