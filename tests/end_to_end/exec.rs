@@ -41,6 +41,16 @@ fn a_program_is_tuned_and_its_winner_confirmed() {
 }
 
 #[test]
+fn a_program_that_prints_its_own_time_is_not_ended_by_the_clock() {
+    let site = Site::new();
+    let script = r#"l={level}; sleep 0.4; echo "{\"wall_ms\": $l}""#;
+    let more = ["exec", "toy", "--tune", "level=1..9:2", "--metric", "json", "--trials", "6"];
+    let done = ask(site.url(), &[&more[..], &["--", "sh", "-c", script]].concat());
+    assert_eq!(trials(site.url(), "toy", "outcome = ABORTED").len(), 0, "{done}");
+    assert_eq!(trials(site.url(), "toy", "outcome = OK").len(), 6, "{done}");
+}
+
+#[test]
 fn cheaper_levels_say_what_is_worth_a_full_run() {
     let site = Site::new();
     // At the level `small` a tenth of the loss. Where the level is in the environment, it is the same.

@@ -15,6 +15,7 @@ mod summary;
 pub(crate) mod supervisor;
 pub(crate) mod template;
 
+use std::cell::Cell;
 use std::collections::BTreeSet;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -71,7 +72,6 @@ struct Job<'a> {
     runner: Runner<'a>,
     indicators: Indicators,
     client_id: String,
-    can_abort: bool,
     /// The program is known to look at the level.
     fidelities: bool,
     session_policy: SessionPolicy,
@@ -125,6 +125,7 @@ pub(crate) fn run(service: &Service, exec: &Exec, json: bool) -> Result<String, 
         show_output: exec.show_output,
         limit: exec.run_timeout,
         stop: &stop,
+        prints_time: Cell::new((exec.metric == MetricSource::Time).then_some(false)),
     };
     check_metrics(&runner, &spec, front.as_ref())?;
     announce(&spec, &study);
@@ -133,7 +134,6 @@ pub(crate) fn run(service: &Service, exec: &Exec, json: bool) -> Result<String, 
     session_policy.trials_per_state = exec.trials.filter(|&trials| trials > room);
     let job = Job {
         daemon,
-        can_abort: only_wall_time(&spec).is_some(),
         fidelities: front.is_none() && (!exec.fidelities.is_empty() || template.has_level()),
         client_id: exec.client.clone().unwrap_or_else(default_client),
         indicators: exec.indicators(),
@@ -231,13 +231,19 @@ impl Job<'_> {
         Question {
             indicators: self.indicators.clone(),
             client_id: Some(self.client_id.clone()),
-            can_abort: self.can_abort,
+            can_abort: self.stops_by().is_some(),
             session_policy: self.session_policy,
             wanted: wanted.cloned(),
             fidelities: self.fidelities,
             space_revision: self.study.space_revision,
             ..Question::default()
         }
+    }
+
+    /// The weight of wall time where a run can be ended that takes too long. A time that the program prints
+    /// itself says nothing of how long the run takes.
+    fn stops_by(&self) -> Option<f64> {
+        only_wall_time(self.spec).filter(|_| self.runner.prints_time.get() == Some(false))
     }
 
     fn next(&self, wanted: Option<&Configuration>) -> Result<TrialRecord, Failure> {
@@ -256,7 +262,7 @@ impl Job<'_> {
 
     fn run(&self, trial: &TrialRecord) -> Result<Run, Failure> {
         let command = self.command(trial);
-        let abort_after = match (trial.abort_above, only_wall_time(self.spec)) {
+        let abort_after = match (trial.abort_above, self.stops_by()) {
             (Some(cost), Some(weight)) => Some(Duration::from_secs_f64((cost / weight / 1e3).min(1e9))),
             _ => None,
         };

@@ -3,6 +3,7 @@
 //! The result counts as soon as the program has ended. Another process that still holds its output open, such
 //! as a helper in a session of its own, is not waited for.
 
+use std::cell::Cell;
 use std::collections::{BTreeSet, VecDeque};
 use std::io::{Read, Write as _};
 use std::net::Shutdown;
@@ -44,7 +45,7 @@ pub(crate) enum MetricSource {
 }
 
 /// The settings of runs.
-#[derive(Clone, Copy, Debug)]
+#[derive(Debug)]
 pub(crate) struct Runner<'a> {
     pub(crate) metric: MetricSource,
     /// What every run has to measure.
@@ -57,6 +58,8 @@ pub(crate) struct Runner<'a> {
     pub(crate) limit: Option<Duration>,
     /// Somebody wants everything to end.
     pub(crate) stop: &'a AtomicBool,
+    /// The program prints a `wall_ms` of its own, which counts; `None` before a run has shown that.
+    pub(crate) prints_time: Cell<Option<bool>>,
 }
 
 /// The end of a run.
@@ -196,7 +199,10 @@ impl Runner<'_> {
                 Run::Failed { reason, said }
             }
             Printed::NoResult(reason) => Run::Failed { reason, said },
-            Printed::Measured { measurements, left_out } => Run::Done(measurements, left_out),
+            Printed::Measured { measurements, left_out } => {
+                self.prints_time.set(Some(measurements.get("wall_ms") != taken.get("wall_ms")));
+                Run::Done(measurements, left_out)
+            }
         }
     }
 }
@@ -380,14 +386,34 @@ mod tests {
 
     static GO_ON: AtomicBool = AtomicBool::new(false);
 
-    fn ended(code: i32, out: &str, said: &str, metric: MetricSource) -> Run {
-        let terms = [ObjectiveTerm { metric: "loss".to_owned(), weight: 1.0 }];
-        let terms = if metric == MetricSource::Json { &terms[..] } else { &[] };
-        let wanted = Wanted { terms, maximised: &[], limits: &[], most: Measurements::MOST };
+    /// The end of a run, and whether the program printed its own time.
+    fn ended_for(
+        minimised: &[&str],
+        (code, out, said): (i32, &str, &str),
+        metric: MetricSource,
+    ) -> (Run, Option<bool>) {
+        let term = |metric: &&str| ObjectiveTerm { metric: (*metric).to_owned(), weight: 1.0 };
+        let terms: Vec<_> = minimised.iter().map(term).collect();
+        let wanted = Wanted { terms: &terms, maximised: &[], limits: &[], most: Measurements::MOST };
         let (accepted, show_output, limit, stop) = (&[4][..], false, None, &GO_ON);
-        let runner = Runner { metric, wanted, accepted, show_output, limit, stop };
+        let prints_time = Cell::new(None);
+        let runner = Runner { metric, wanted, accepted, show_output, limit, stop, prints_time };
         let taken = Measurements::from([("wall_ms", 9.0), ("cpu_ms", 8.0)]);
-        runner.result(Fate::status(code << 8), &taken, out, said.to_owned())
+        let run = runner.result(Fate::status(code << 8), &taken, out, said.to_owned());
+        (run, runner.prints_time.get())
+    }
+
+    fn ended(code: i32, out: &str, said: &str, metric: MetricSource) -> Run {
+        let minimised: &[&str] = if metric == MetricSource::Json { &["loss"] } else { &[] };
+        ended_for(minimised, (code, out, said), metric).0
+    }
+
+    #[test]
+    fn a_time_that_the_program_prints_itself_is_noticed() {
+        let of = |code, out| ended_for(&["wall_ms"], (code, out, ""), MetricSource::Json).1;
+        assert_eq!(of(0, r#"{"loss": 2}"#), Some(false));
+        assert_eq!(of(0, r#"{"wall_ms": 2}"#), Some(true));
+        assert_eq!(of(1, r#"{"wall_ms": 2}"#), None, "a failed run tells nothing");
     }
 
     #[test]
