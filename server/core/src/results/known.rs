@@ -27,6 +27,20 @@ pub struct KnownState {
     pub results: Arc<ResultTable>,
 }
 
+impl Record {
+    /// The cost of a measured configuration that other states hear of. What was measured once counts not at
+    /// all below the range in which its table [believes](ResultTable::reach) that, and above it as its end:
+    /// what is dear is not measured again.
+    pub(crate) fn told_cost(&self, reach: Option<(f64, f64)>) -> Option<f64> {
+        match reach {
+            Some((low, high)) if self.measurements == 1 => {
+                Some(self.mean_cost.min(high)).filter(|cost| *cost >= low)
+            }
+            _ => Some(self.mean_cost),
+        }
+    }
+}
+
 impl ResultTable {
     /// The standard deviation of a measurement, relative to its cost, as searches assume it.
     pub(crate) fn assumed_noise(&self) -> f64 {

@@ -117,12 +117,12 @@ fn known(
 ) -> CostEntry {
     match results.record(configuration) {
         Some(record) if record.fails() => CostEntry::Infeasible,
-        Some(record) if record.is_doubtful(reach) => CostEntry::Unknown,
         Some(record) if record.measurements > 0 => {
+            let Some(cost) = record.told_cost(reach) else { return CostEntry::Unknown };
             let count = record.measurements.min(MEASUREMENTS_COUNTED) as f64;
             let variance = noise * noise / count;
             assert!(variance > 0.0 && variance.is_finite(), "a variance of {variance}");
-            CostEntry::LogCost(libm::log(record.mean_cost.max(REWARD_COST_MIN)), variance)
+            CostEntry::LogCost(libm::log(cost.max(REWARD_COST_MIN)), variance)
         }
         _ => CostEntry::Unknown,
     }

@@ -49,9 +49,9 @@ impl MeasuredElsewhere {
         let nearest = &self.states[..self.states.len().min(STATES)];
         for (state, other) in nearest.iter().enumerate() {
             let reach = other.results.reach();
-            let believed = other.results.ranked().filter(|record| !record.is_doubtful(reach));
-            for record in believed.take(RECORDS / nearest.len()) {
-                let log_cost = libm::log(record.mean_cost.max(REWARD_COST_MIN));
+            let told = other.results.ranked().filter_map(|record| Some((record, record.told_cost(reach)?)));
+            for (record, cost) in told.take(RECORDS / nearest.len()) {
+                let log_cost = libm::log(cost.max(REWARD_COST_MIN));
                 measured.push(SourceMeasurement { state, x: space.encode(&record.configuration), log_cost });
             }
         }

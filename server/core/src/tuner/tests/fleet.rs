@@ -266,3 +266,23 @@ fn one_absurd_report_of_a_machine_or_a_state_decides_for_no_other() {
         assert_eq!(answer.configuration, good(&study), "{absurd:e}");
     }
 }
+
+#[test]
+fn other_states_hear_of_what_was_dear_once() {
+    let mut tuner = tuner(exploit_always());
+    let space = tuner.spec().space.clone();
+    let of = |width: f64, travel: f64| space.decode(&[width, 0.1, 0.2, travel]);
+    let usual = [(0.1, 16.0), (0.2, 15.0), (0.3, 12.0), (0.4, 14.0), (0.5, 15.0), (0.6, 17.0), (0.8, 14.0)];
+    let usual = usual.map(|(travel, cost)| (of(0.9, travel), cost));
+    let dear = [0.3, 0.6].map(|travel| (of(0.5, travel), 500.0));
+    for (configuration, cost) in usual.into_iter().chain(dear.clone()) {
+        let trial = tuner.suggest_wanted(&ask("a", 0.1, 0.5), configuration.to_raw(), 0).expect("valid").0;
+        assert!(tuner.report(&trial, measured(cost), Outcome::Ok, 1).is_ok());
+    }
+    tuner.states.note_search(StateId(1));
+    let there = StateId(suggest(&mut tuner, "b", 0.9, 0.5).state_id);
+    let start = tuner.transfer().evidence(there).beginning(&space).expect("a state was searched");
+    let layout = crate::search::Layout::of(&space);
+    let better = space.decode(&start.main_effects.descend(&layout, &space.encode(&dear[0].0)));
+    assert_ne!(better.get("width"), Some(&Value::Integer(4)), "{better:?}");
+}
