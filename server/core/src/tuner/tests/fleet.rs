@@ -228,6 +228,10 @@ fn what_fails_on_the_nearest_relation_is_no_answer_of_machines() {
     assert_eq!(tuner.suggest(&third.ask(), 0).expect("valid").0.configuration, other);
 }
 
+/// Costs of configurations by their travel cost.
+const USUAL: [(f64, f64); 7] =
+    [(0.1, 16.0), (0.2, 15.0), (0.3, 12.0), (0.4, 14.0), (0.5, 15.0), (0.6, 17.0), (0.8, 14.0)];
+
 /// What was measured in a state: the costs of configurations by their travel cost.
 fn tell(tuner: &mut Tuner, ask: &Ask, costs: &[(f64, f64)]) {
     let space = tuner.spec().space.clone();
@@ -240,13 +244,12 @@ fn tell(tuner: &mut Tuner, ask: &Ask, costs: &[(f64, f64)]) {
 
 #[test]
 fn one_absurd_report_of_a_machine_or_a_state_decides_for_no_other() {
-    let usual = [(0.1, 16.0), (0.2, 15.0), (0.3, 12.0), (0.4, 14.0), (0.5, 15.0), (0.6, 17.0), (0.8, 14.0)];
     let good = |tuner: &Tuner| tuner.spec().space.decode(&[0.9, 0.1, 0.2, 0.3]);
     for absurd in [1e-300, 1e-6] {
         // A machine that ran something bad once, and read its cost wrongly.
         let mut tuner = tuner(exploit_always());
         for (threads, factor) in [(4, 1.0), (8, 2.0)] {
-            let costs = usual.map(|(travel, cost)| (travel, factor * cost));
+            let costs = USUAL.map(|(travel, cost)| (travel, factor * cost));
             (0..2).for_each(|_| tell(&mut tuner, &Node::like(threads, 1.0).ask(), &costs));
         }
         tell(&mut tuner, &Node::like(8, 1.0).ask(), &[(0.95, absurd)]);
@@ -256,7 +259,7 @@ fn one_absurd_report_of_a_machine_or_a_state_decides_for_no_other() {
         // Two states, in one of which something middling was read wrongly.
         let mut study = Tuner::new(Arc::clone(tuner.spec())).expect("valid");
         for (x, middling) in [(0.1, 15.0), (0.4, absurd)] {
-            (0..2).for_each(|_| tell(&mut study, &ask("a", x, 0.5), &usual));
+            (0..2).for_each(|_| tell(&mut study, &ask("a", x, 0.5), &USUAL));
             tell(&mut study, &ask("a", x, 0.5), &[(0.95, middling)]);
         }
         let best = study.best(None, None).expect("valid").expect("measured");
@@ -272,8 +275,7 @@ fn other_states_hear_of_what_was_dear_once() {
     let mut tuner = tuner(exploit_always());
     let space = tuner.spec().space.clone();
     let of = |width: f64, travel: f64| space.decode(&[width, 0.1, 0.2, travel]);
-    let usual = [(0.1, 16.0), (0.2, 15.0), (0.3, 12.0), (0.4, 14.0), (0.5, 15.0), (0.6, 17.0), (0.8, 14.0)];
-    let usual = usual.map(|(travel, cost)| (of(0.9, travel), cost));
+    let usual = USUAL.map(|(travel, cost)| (of(0.9, travel), cost));
     let dear = [0.3, 0.6].map(|travel| (of(0.5, travel), 500.0));
     for (configuration, cost) in usual.into_iter().chain(dear.clone()) {
         let trial = tuner.suggest_wanted(&ask("a", 0.1, 0.5), configuration.to_raw(), 0).expect("valid").0;
@@ -285,4 +287,19 @@ fn other_states_hear_of_what_was_dear_once() {
     let layout = crate::search::Layout::of(&space);
     let better = space.decode(&start.main_effects.descend(&layout, &space.encode(&dear[0].0)));
     assert_ne!(better.get("width"), Some(&Value::Integer(4)), "{better:?}");
+}
+
+#[test]
+fn what_was_dear_here_once_is_no_answer_of_other_machines() {
+    let mut tuner = tuner(exploit_always());
+    for (threads, factor) in [(4, 1.0), (8, 2.0)] {
+        let costs = USUAL.map(|(travel, cost)| (travel, factor * cost));
+        (0..2).for_each(|_| tell(&mut tuner, &Node::like(threads, 1.0).ask(), &costs));
+    }
+    let mut costs = USUAL.map(|(travel, cost)| (travel, 3.0 * cost));
+    costs[2].1 = 2000.0;
+    tell(&mut tuner, &Node::like(16, 1.0).ask(), &costs);
+    let dear = tuner.spec().space.decode(&[0.9, 0.1, 0.2, costs[2].0]);
+    let answer = tuner.transfer().best_by_machines(StateId(3)).map(|answer| answer.configuration);
+    assert_ne!(answer, Some(dear));
 }

@@ -9,8 +9,8 @@
 //! The estimate of a configuration's cost pools four sources by their precision: that it does as well as the
 //! default, the fleet's measurements, the group's, and the machine's own. A new machine has none, so it runs
 //! the fleet's best configuration. Its own measurements soon count for more, and where they disagree, the
-//! others count less. A single measurement far from all others of its machine counts for nothing, as one
-//! wrong report would decide for the whole fleet.
+//! others count less. A single measurement far below all others of its machine counts for nothing, as one
+//! wrong report would decide for the whole fleet. One far above is drawn in, and compares no machines.
 
 use crate::configuration::Configuration;
 use crate::decision::{ByMachines, ExploitSource, ExploredPoint, MachineLevel};
@@ -144,10 +144,9 @@ impl<'a> OtherMachines<'a> {
     fn by_level(&self, level: MachineLevel, configuration: &Configuration) -> Option<LevelEstimate> {
         let (mut sum, mut precision, mut machines, mut measurements) = (0.0, 0.0, 0, 0);
         for peer in self.peers.iter().filter(|peer| peer.level == level) {
-            let ran = self.states.results(peer.state).ran(configuration);
-            if let Some(record) = ran.filter(|record| !record.is_doubtful(peer.reach)) {
+            if let Some((record, cost)) = self.told((peer.state, peer.reach), configuration) {
                 let own = record.measurements as f64 / noise_2(self.states, peer.state);
-                sum += own * (log(record.mean_cost) + peer.shift);
+                sum += own * (log(cost) + peer.shift);
                 precision += own;
                 machines += 1;
                 measurements += record.measurements;
@@ -162,18 +161,22 @@ impl<'a> OtherMachines<'a> {
         [MachineLevel::Group, MachineLevel::Fleet].map(|level| (level, self.by_level(level, configuration)))
     }
 
-    /// The asking machine's own result of a configuration, unless it is doubtful.
-    fn believed(&self, configuration: &Configuration) -> Option<&'a Record> {
-        let ran = self.states.results(self.state).ran(configuration);
-        ran.filter(|record| !record.is_doubtful(self.reach))
+    /// A machine's result of a configuration, and the cost that counts of it.
+    fn told(
+        &self,
+        (state, reach): (StateId, Option<(f64, f64)>),
+        configuration: &Configuration,
+    ) -> Option<(&'a Record, f64)> {
+        let record = self.states.results(state).ran(configuration)?;
+        Some((record, record.told_cost(reach)?))
     }
 
     /// The estimate of a configuration's cost here from all its measurements; `None` where it has none.
     fn pooled(&self, baseline: Option<f64>, configuration: &Configuration) -> Option<PooledEstimate> {
         let (machines, machine) = (&self.states.machines, self.states[self.state].machine);
         let mut sources = Vec::with_capacity(3);
-        if let Some(own) = self.believed(configuration) {
-            let (mean, measurements) = (log(own.mean_cost), own.measurements);
+        if let Some((own, cost)) = self.told((self.state, self.reach), configuration) {
+            let (mean, measurements) = (log(cost), own.measurements);
             let variance = noise_2(self.states, self.state) / measurements as f64;
             sources
                 .push((MachineLevel::Machine, LevelEstimate { mean, variance, machines: 1, measurements }));
@@ -202,7 +205,8 @@ impl<'a> OtherMachines<'a> {
     /// as far as is known.
     fn best(&self, filter: impl Fn(&Configuration) -> bool) -> Option<(&'a Configuration, PooledEstimate)> {
         let (states, state) = (self.states, self.state);
-        let baseline = self.believed(self.default).map(|record| log(record.mean_cost));
+        let own = states.results(state).ran(self.default).filter(|own| !own.is_doubtful(self.reach));
+        let baseline = own.map(|record| log(record.mean_cost));
         let baseline = baseline.or_else(|| {
             let estimates = self.by_levels(self.default).into_iter();
             estimates.filter_map(|(_, estimate)| estimate).map(|estimate| estimate.mean).next()
