@@ -48,6 +48,7 @@ fn report(trial: &wire::Trial) -> wire::ReportRequest {
         trial: trial.name.clone(),
         measurements: BTreeMap::from([("render_ms".to_owned(), render_ms)]),
         outcome: Some(wire::Outcome { kind: Some(outcome::Kind::Ok(wire::Ok {})) }),
+        ..wire::ReportRequest::default()
     }
 }
 

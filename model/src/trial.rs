@@ -167,6 +167,9 @@ pub struct Trial<C = Configuration> {
     pub state: TrialState,
     /// The raw measurements of the final report, finite and not negative. Empty before.
     pub measurements: BTreeMap<String, f64>,
+    /// The standard errors of measurements, where the client gave them: finite, not negative, in their units.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub standard_errors: BTreeMap<String, f64>,
     /// The objective computed from the measurements; the lower bound of an aborted trial. `None` before
     /// the report, for infeasible and failed trials, and for trials at a cheaper level.
     pub cost: Option<f64>,
@@ -228,6 +231,7 @@ impl<C> Trial<C> {
             lease_expire_ms: 0,
             state: TrialState::Open,
             measurements: BTreeMap::new(),
+            standard_errors: BTreeMap::new(),
             cost: None,
             outcome: None,
             late: false,
@@ -261,6 +265,7 @@ impl<C> Trial<C> {
             lease_expire_ms: self.lease_expire_ms,
             state: self.state,
             measurements: self.measurements,
+            standard_errors: self.standard_errors,
             cost: self.cost,
             outcome: self.outcome,
             late: self.late,

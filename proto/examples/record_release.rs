@@ -81,7 +81,12 @@ impl Recorder {
             let measured = measured.map(|(name, value)| (name.to_owned(), value));
             let measurements = if ok { measured.into() } else { Default::default() };
             let outcome = Some(wire::Outcome { kind: Some(kind) });
-            call!(self, "Report", report, wire::ReportRequest { trial: trial.name, measurements, outcome });
+            call!(
+                self,
+                "Report",
+                report,
+                wire::ReportRequest { trial: trial.name, measurements, outcome, ..Default::default() }
+            );
         }
         let policy = wire::Policy { epsilon: Some(0.5), lease_s: 30, ..wire::Policy::default() };
         let study = wire::Study { name: STUDY.to_owned(), policy: Some(policy), ..wire::Study::default() };

@@ -56,6 +56,8 @@ fn tuner_code(error: &TunerError) -> Code {
         | TunerError::Fingerprint
         | TunerError::TooManyMeasurements(_)
         | TunerError::MeasurementName(_)
+        | TunerError::StandardErrorOfNothing(_)
+        | TunerError::StandardError { .. }
         | TunerError::Objective(_)
         | TunerError::LowerBound(_)
         | TunerError::OutcomeReason

@@ -330,7 +330,8 @@ async fn a_metric_called_gain_hides_no_map() {
     caller.create_study(creation("hall", maximising)).await.expect("created");
     let trial = caller.suggest(ask("a", 10.0)).await.expect("a trial").into_inner().name;
     let measurements = BTreeMap::from([("gain".to_owned(), 50.0)]);
-    let measured = wire::ReportRequest { trial, measurements, outcome: common::ok() };
+    let outcome = common::ok();
+    let measured = wire::ReportRequest { trial, measurements, outcome, ..Default::default() };
     caller.report(measured).await.expect("taken");
     for (asked, selected, shown) in [
         ("", "value=\"gain\" selected>gain over the default<", "coloured by its gain over the default"),
@@ -360,7 +361,9 @@ async fn list(caller: &mut Caller, direction: f64, max_leaf: i64, metrics: [f64;
     let [time_ms, memory_mb] = metrics;
     let measurements = [("time_ms", time_ms), ("memory_mb", memory_mb), ("front_cost", time_ms)];
     let measurements = measurements.map(|(name, value)| (name.to_owned(), value)).into();
-    caller.report(wire::ReportRequest { trial, measurements, outcome: common::ok() }).await.expect("taken");
+    let outcome = common::ok();
+    let report = wire::ReportRequest { trial, measurements, outcome, ..Default::default() };
+    caller.report(report).await.expect("taken");
 }
 
 #[tokio::test]

@@ -68,6 +68,7 @@ async fn every_outcome_is_taken() {
             trial: trial.name.clone(),
             measurements: BTreeMap::new(),
             outcome: of_kind(kind.clone()),
+            ..wire::ReportRequest::default()
         };
         let stored = client.report(request).await.unwrap().into_inner().trial.unwrap();
         let bound = match &kind {

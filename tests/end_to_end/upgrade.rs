@@ -97,6 +97,7 @@ fn report(trial: &pb::Trial, near: f64, number: usize) -> pb::ReportRequest {
         trial: trial.name.clone(),
         measurements: BTreeMap::from([("render_ms".to_owned(), render_ms)]),
         outcome: Some(pb::Outcome { kind: Some(kind) }),
+        ..pb::ReportRequest::default()
     }
 }
 

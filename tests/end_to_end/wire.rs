@@ -64,6 +64,7 @@ pub(crate) fn report(trial: &pb::Trial) -> pb::ReportRequest {
         trial: trial.name.clone(),
         measurements: BTreeMap::from([("render_ms".to_owned(), render_ms), ("build_ms".to_owned(), 3.0)]),
         outcome: Some(pb::Outcome { kind: Some(pb::outcome::Kind::Ok(pb::Ok {})) }),
+        ..pb::ReportRequest::default()
     }
 }
 

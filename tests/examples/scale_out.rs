@@ -50,6 +50,7 @@ fn report(trial: &wire::Trial) -> wire::ReportRequest {
         trial: trial.name.clone(),
         measurements: [("render_ms".to_owned(), 5.0)].into(),
         outcome: Some(wire::Outcome { kind: Some(outcome::Kind::Ok(wire::Ok {})) }),
+        ..wire::ReportRequest::default()
     }
 }
 

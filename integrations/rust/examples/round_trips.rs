@@ -48,7 +48,8 @@ async fn raw(url: String, count: usize) -> Result<(), Failure> {
         predict.push(middle - start);
         let outcome = Some(v1::Outcome { kind: Some(Kind::Ok(v1::Ok {})) });
         let measurements = [("ms".to_owned(), 1.0)].into();
-        service.report(v1::ReportRequest { trial: trial.name, measurements, outcome }).await?;
+        let trial = trial.name;
+        service.report(v1::ReportRequest { trial, measurements, outcome, ..Default::default() }).await?;
     }
     show("bare gRPC (tonic)", predict, suggest);
     Ok(())

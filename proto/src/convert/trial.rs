@@ -30,6 +30,7 @@ pub fn trial_to_wire<C: Values>(name: String, trial: &Trial<C>) -> v1::Trial {
         origin: trial.decision.origin.clone().unwrap_or_default(),
         fidelity: trial.decision.fidelity.clone().unwrap_or_default(),
         exclusion: trial.exclusion.clone().unwrap_or_default(),
+        standard_errors: trial.standard_errors.clone(),
     }
 }
 

@@ -601,6 +601,12 @@ pub struct Trial {
     /// one that counts.
     #[prost(string, tag = "21")]
     pub exclusion: ::prost::alloc::string::String,
+    /// The standard errors of the measurements, by name, as the report gave them.
+    #[prost(btree_map = "string, double", tag = "22")]
+    pub standard_errors: ::prost::alloc::collections::BTreeMap<
+        ::prost::alloc::string::String,
+        f64,
+    >,
 }
 /// How an answer came about, for people and for logs.
 #[derive(Clone, PartialEq, ::prost::Message)]
@@ -1071,6 +1077,13 @@ pub struct ReportRequest {
     /// REQUIRED.
     #[prost(message, optional, tag = "3")]
     pub outcome: ::core::option::Option<Outcome>,
+    /// The standard errors of measurements that are estimates, by name, in their units: finite, not negative, each of a
+    /// measurement of the report. One whose error is large beside the state's noise counts for less than others. OPTIONAL.
+    #[prost(btree_map = "string, double", tag = "4")]
+    pub standard_errors: ::prost::alloc::collections::BTreeMap<
+        ::prost::alloc::string::String,
+        f64,
+    >,
 }
 #[derive(Clone, PartialEq, ::prost::Message)]
 pub struct ReportResponse {

@@ -26,6 +26,8 @@ pub struct Report {
     pub trial: TrialName,
     /// The raw measurements.
     pub measurements: BTreeMap<String, f64>,
+    /// The standard errors of some of them.
+    pub standard_errors: BTreeMap<String, f64>,
     /// The outcome.
     pub outcome: Outcome,
 }
@@ -153,6 +155,7 @@ pub fn report(request: v1::ReportRequest) -> Result<Report, Error> {
     Ok(Report {
         trial: names::trial("trial", &request.trial)?,
         measurements: request.measurements,
+        standard_errors: request.standard_errors,
         outcome: request.outcome.and_then(outcome_from_wire).ok_or_else(|| required("outcome"))?,
     })
 }

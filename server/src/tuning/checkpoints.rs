@@ -153,6 +153,7 @@ pub(super) mod tests {
         let report = Report {
             trial: TrialName { study: "hall".into(), number: trial.number },
             measurements: BTreeMap::from([("render_ms".to_owned(), cost)]),
+            standard_errors: BTreeMap::new(),
             outcome: Outcome::Ok,
         };
         tuning.report(report).await.expect("taken");

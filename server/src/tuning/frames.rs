@@ -189,12 +189,7 @@ impl Tuning {
                                 return Ok(queue(live, store, ReportOutcome::Closed));
                             }
                             let trial = live.check(stored)?;
-                            let (completed, change) = live.tuner.report(
-                                &trial,
-                                report.measurements.clone(),
-                                report.outcome.clone(),
-                                now_ms,
-                            )?;
+                            let (completed, change) = completed(live, &trial, &report, now_ms)?;
                             assert_eq!(
                                 (completed.number, completed.state),
                                 (report.trial.number, TrialState::Completed)
@@ -311,8 +306,7 @@ fn take(live: &mut Live, report: &Report, now_ms: i64) -> ReportOutcome {
     let Some(open) = live.tuner.open_trial(report.trial.number).cloned() else {
         return ReportOutcome::Closed;
     };
-    let taken = live.tuner.report(&open, report.measurements.clone(), report.outcome.clone(), now_ms);
-    match taken {
+    match completed(live, &open, report, now_ms) {
         Ok((completed, change)) => {
             assert_eq!((completed.number, completed.state), (report.trial.number, TrialState::Completed));
             let is_stored = change.trials.iter().any(|trial| trial.number == completed.number);
@@ -321,6 +315,17 @@ fn take(live: &mut Live, report: &Report, now_ms: i64) -> ReportOutcome {
         }
         Err(error) => ReportOutcome::Refused(error.into()),
     }
+}
+
+/// Gives a report to the tuner.
+fn completed(
+    live: &mut Live,
+    trial: &Trial,
+    report: &Report,
+    now_ms: i64,
+) -> Result<(Trial, Change), TunerError> {
+    let Report { measurements, standard_errors, outcome, .. } = report.clone();
+    live.tuner.report_estimates(trial, measurements, standard_errors, outcome, now_ms)
 }
 
 fn queue(live: &mut Live, store: &dyn Store, taken: ReportOutcome) -> Queued {
@@ -370,7 +375,8 @@ mod tests {
 
     fn report_of(trial: &TrialName) -> Report {
         let measurements = [("render_ms".to_owned(), 2.0)].into();
-        Report { trial: trial.clone(), measurements, outcome: Outcome::Ok }
+        let standard_errors = BTreeMap::new();
+        Report { trial: trial.clone(), measurements, standard_errors, outcome: Outcome::Ok }
     }
 
     /// Two studies, each with a trial 1 that is expired or reported, of which the second takes the first

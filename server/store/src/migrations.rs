@@ -25,6 +25,7 @@ const SQLITE: &[(&str, &str)] = files!("sqlite":
     "0007_trials_by_state",
     "0008_studies_uid",
     "0009_trials_exclusion",
+    "0010_trials_standard_errors",
 );
 
 #[cfg(feature = "postgres")]
@@ -36,6 +37,7 @@ const POSTGRES: &[(&str, &str)] = files!("postgres":
     "0005_trials_by_state",
     "0006_studies_uid",
     "0007_trials_exclusion",
+    "0008_trials_standard_errors",
 );
 
 pub(crate) fn sqlite() -> Migrator {

@@ -17,6 +17,7 @@ pub(crate) fn raw_trial(trial: Trial) -> RawTrial {
         lease_expire_ms: trial.lease_expire_ms,
         state: trial.state,
         measurements: trial.measurements,
+        standard_errors: trial.standard_errors,
         cost: trial.cost,
         outcome: trial.outcome,
         late: trial.late,

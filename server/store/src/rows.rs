@@ -44,6 +44,7 @@ row! {
         pub(crate) configuration: String,
         pub(crate) indicators: String,
         pub(crate) measurements: String,
+        pub(crate) standard_errors: Option<String>,
         pub(crate) reason: String,
         pub(crate) fingerprint: Option<String>,
         pub(crate) exclusion: Option<String>,
@@ -195,6 +196,10 @@ impl TrialRow {
             configuration: configuration_to_json(trial.configuration.values()),
             indicators: write(&trial.indicators)?,
             measurements: write(&trial.measurements)?,
+            standard_errors: Some(&trial.standard_errors)
+                .filter(|errors| !errors.is_empty())
+                .map(write)
+                .transpose()?,
             reason: write(&decision)?,
             fingerprint: trial.fingerprint.as_ref().map(write).transpose()?,
             exclusion: None,
@@ -228,6 +233,9 @@ impl TrialRow {
             lease_expire_ms: self.lease_expire_ms,
             state,
             measurements: read("measurements", &self.measurements)?,
+            standard_errors: self
+                .standard_errors
+                .map_or_else(|| Ok(BTreeMap::new()), |text| read("standard_errors", &text))?,
             cost: self.cost,
             outcome,
             late: self.late,

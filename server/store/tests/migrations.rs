@@ -59,6 +59,7 @@ fn trials(version: usize) -> [Trial; 2] {
             reason.explanation = Explanation::default();
         }
         trial.decision = Decision::recorded(trial.mode(), reason);
+        trial.standard_errors.clear();
         trial
     };
     [earlier(completed(1, 1, Outcome::Ok)), earlier(open(2))]

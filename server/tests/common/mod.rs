@@ -282,6 +282,7 @@ pub(crate) fn report(trial: &str, render_ms: f64) -> wire::ReportRequest {
         trial: trial.to_owned(),
         measurements: BTreeMap::from([("render_ms".to_owned(), render_ms), ("build_ms".to_owned(), 3.5)]),
         outcome: ok(),
+        ..wire::ReportRequest::default()
     }
 }
 

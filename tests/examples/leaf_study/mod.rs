@@ -18,5 +18,6 @@ pub(crate) fn report(trial: wire::Trial) -> wire::ReportRequest {
         trial: trial.name,
         measurements: BTreeMap::from([("render_ms".to_owned(), 10.0)]),
         outcome: Some(wire::Outcome { kind: Some(wire::outcome::Kind::Ok(wire::Ok {})) }),
+        ..wire::ReportRequest::default()
     }
 }

@@ -56,6 +56,7 @@ fn requests() -> Vec<(Kind, Vec<u8>)> {
         trial: trial(),
         measurements: BTreeMap::from([("m".to_owned(), 3.5)]),
         outcome: Some(wire::Outcome { kind: Some(kind) }),
+        ..wire::ReportRequest::default()
     };
     let update = wire::UpdateStudyRequest {
         study: Some(wire::Study { name: study(), ..example::study() }),

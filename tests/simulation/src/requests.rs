@@ -191,5 +191,6 @@ pub(crate) fn report(trial: &str, render_ms: f64, aborted: bool) -> wire::Report
         trial: trial.to_owned(),
         measurements: BTreeMap::from([("render_ms".to_owned(), render_ms)]),
         outcome: Some(wire::Outcome { kind: Some(kind) }),
+        ..wire::ReportRequest::default()
     }
 }

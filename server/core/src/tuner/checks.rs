@@ -51,6 +51,22 @@ pub(super) fn measurements(measurements: &BTreeMap<String, f64>) -> Result<(), T
     Ok(())
 }
 
+/// Standard errors are of measurements of the same report.
+pub(super) fn standard_errors(
+    errors: &BTreeMap<String, f64>,
+    measurements: &BTreeMap<String, f64>,
+) -> Result<(), TunerError> {
+    for (name, &error) in errors {
+        if !measurements.contains_key(name) {
+            return Err(TunerError::StandardErrorOfNothing(name.clone()));
+        }
+        if !error.is_finite() || error < 0.0 {
+            return Err(TunerError::StandardError { metric: name.clone(), error });
+        }
+    }
+    Ok(())
+}
+
 pub(super) fn outcome(outcome: &Outcome) -> Result<(), TunerError> {
     match outcome {
         Outcome::Aborted { lower_bound } if !lower_bound.is_finite() || *lower_bound < 0.0 => {

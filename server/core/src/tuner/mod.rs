@@ -241,6 +241,19 @@ impl Tuner {
         outcome: Outcome,
         now_ms: i64,
     ) -> Result<(Trial, Change), TunerError> {
+        self.report_estimates(trial, measurements, BTreeMap::new(), outcome, now_ms)
+    }
+
+    /// [`Tuner::report`] of measurements some of which are estimates with `standard_errors`, finite and not
+    /// negative.
+    pub fn report_estimates(
+        &mut self,
+        trial: &Trial,
+        measurements: BTreeMap<String, f64>,
+        standard_errors: BTreeMap<String, f64>,
+        outcome: Outcome,
+        now_ms: i64,
+    ) -> Result<(Trial, Change), TunerError> {
         let number = trial.number;
         let trial = match (self.trials.get(TrialNumber(number)), trial.state) {
             (Some(open), _) => open,
@@ -253,8 +266,10 @@ impl Tuner {
             (None, _) => return Err(TunerError::UnknownTrial(number)),
         };
         checks::measurements(&measurements)?;
+        checks::standard_errors(&standard_errors, &measurements)?;
         checks::outcome(&outcome)?;
         let completed = self.completed(trial, measurements, outcome, now_ms)?;
+        let completed = Trial { standard_errors, ..completed };
         let change = self.take(&completed);
         assert!(self.open_trial(number).is_none(), "trial {number} is not open any more");
         Ok((completed, change))

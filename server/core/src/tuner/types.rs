@@ -302,6 +302,17 @@ pub enum TunerError {
     /// A measurement is not spelt like a name.
     #[error("measurement {0:?} is not a name; use {NAME_RULE}")]
     MeasurementName(String),
+    /// A standard error is of no measurement of the report.
+    #[error("standard error of {0:?}: the report has no such measurement; leave it out")]
+    StandardErrorOfNothing(String),
+    /// A standard error is not usable.
+    #[error("standard error of {metric:?} is {error}; it must be finite and not negative")]
+    StandardError {
+        /// The metric.
+        metric: String,
+        /// As given.
+        error: f64,
+    },
     /// A measurement, or the objective computed from them, is not usable.
     #[error(transparent)]
     Objective(#[from] ObjectiveError),

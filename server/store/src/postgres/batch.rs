@@ -119,6 +119,7 @@ impl<'r> Batch<'r> {
             .bind(column(visits(), |_, row| row.since))
             .bind(self.forgotten.iter().map(|(study, _)| *study).collect::<Vec<_>>())
             .bind(self.forgotten.iter().map(|(_, client_id)| *client_id).collect::<Vec<_>>())
+            .bind(column(trials(), |_, row| row.standard_errors.as_deref()))
             .fetch_all(connection)
             .await?;
         Ok(self.held(held))

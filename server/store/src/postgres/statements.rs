@@ -214,7 +214,7 @@ macro_rules! trial_columns {
         "number, client_id, state_id, mode, state, outcome, outcome_reason, outcome_lower_bound, cost, \
          predicted_cost, late, create_ms, lease_expire_ms, complete_ms, completion, configuration::text, \
          indicators::text, measurements::text, reason::text, fingerprint::text, \
-         exclusion"
+         standard_errors::text, exclusion"
     };
 }
 
@@ -316,24 +316,25 @@ WITH held AS MATERIALIZED (
 ), stored_trials AS (
     INSERT INTO trials (study, number, client_id, state_id, mode, state, outcome, outcome_reason,
         outcome_lower_bound, cost, predicted_cost, late, create_ms, lease_expire_ms, complete_ms,
-        completion, configuration, indicators, measurements, reason, fingerprint)
+        completion, configuration, indicators, measurements, reason, fingerprint, standard_errors)
     SELECT r.study, r.number, r.client_id, r.state_id, r.mode, r.state, r.outcome, r.outcome_reason,
         r.outcome_lower_bound, r.cost, r.predicted_cost, r.late, r.create_ms, r.lease_expire_ms,
         r.complete_ms, r.completion, r.configuration::json, r.indicators::json, r.measurements::json,
-        r.reason::json, r.fingerprint::json
+        r.reason::json, r.fingerprint::json, r.standard_errors::json
     FROM unnest($15::bigint[], $16::bigint[], $17::text[], $18::bigint[], $19::text[], $20::text[],
         $21::text[], $22::text[], $23::float8[], $24::float8[], $25::float8[], $26::boolean[],
         $27::bigint[], $28::bigint[], $29::bigint[], $30::bigint[], $31::text[], $32::text[],
-        $33::text[], $34::text[], $35::text[]) AS r (study, number, client_id, state_id, mode, state,
+        $33::text[], $34::text[], $35::text[], $39::text[]) AS r (study, number, client_id, state_id, mode, state,
         outcome, outcome_reason, outcome_lower_bound, cost, predicted_cost, late, create_ms,
         lease_expire_ms, complete_ms, completion, configuration, indicators, measurements, reason,
-        fingerprint)
+        fingerprint, standard_errors)
     WHERE r.study IN (SELECT id FROM held)
     ON CONFLICT (study, number) DO UPDATE SET state = excluded.state, outcome = excluded.outcome,
         outcome_reason = excluded.outcome_reason, outcome_lower_bound = excluded.outcome_lower_bound,
         cost = excluded.cost, late = excluded.late, lease_expire_ms = excluded.lease_expire_ms,
         complete_ms = excluded.complete_ms, completion = excluded.completion,
-        measurements = excluded.measurements, reason = excluded.reason
+        measurements = excluded.measurements, standard_errors = excluded.standard_errors,
+        reason = excluded.reason
 )
 SELECT id FROM held";
 

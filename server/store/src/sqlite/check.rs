@@ -88,7 +88,8 @@ async fn strays(connection: &mut SqliteConnection) -> Result<Vec<String>, Unsoun
 async fn contents(connection: &mut SqliteConnection) -> Result<Vec<String>, Unsound> {
     let sql = "SELECT 'trial ' || number || ' of study ' || study || ' cannot be read' FROM trials \
                WHERE NOT (json_valid(configuration) AND json_valid(indicators) AND json_valid(measurements) \
-               AND json_valid(reason) AND json_valid(coalesce(fingerprint, 'null'))) \
+               AND json_valid(reason) AND json_valid(coalesce(fingerprint, 'null')) \
+               AND json_valid(coalesce(standard_errors, 'null'))) \
                UNION ALL SELECT 'state ' || id || ' of study ' || study || ' cannot be read' FROM states \
                WHERE NOT (json_valid(indicators) AND json_valid(coalesce(fingerprint, 'null'))) \
                UNION ALL SELECT 'the visit of ' || client_id || ' in study ' || study || ' cannot be read' \

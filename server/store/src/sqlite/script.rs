@@ -101,4 +101,5 @@ fn bind_trial<'q>(script: Statements<'q>, study: i64, row: &'q TrialRow) -> Stat
         .bind(&row.measurements)
         .bind(&row.reason)
         .bind(&row.fingerprint)
+        .bind(&row.standard_errors)
 }

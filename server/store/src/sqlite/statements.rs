@@ -117,7 +117,7 @@ macro_rules! stored_columns {
     () => {
         "number, client_id, state_id, mode, state, outcome, outcome_reason, outcome_lower_bound, cost, \
          predicted_cost, late, create_ms, lease_expire_ms, complete_ms, completion, configuration, \
-         indicators, measurements, reason, fingerprint"
+         indicators, measurements, reason, fingerprint, standard_errors"
     };
 }
 
@@ -136,11 +136,11 @@ pub(super) const TRIAL_UPSERT: &str = concat!(
     "INSERT INTO trials (study, ",
     stored_columns!(),
     ") VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, \
-     ?) ON CONFLICT (study, number) DO UPDATE SET state = excluded.state, outcome = excluded.outcome, \
+     ?, ?) ON CONFLICT (study, number) DO UPDATE SET state = excluded.state, outcome = excluded.outcome, \
      outcome_reason = excluded.outcome_reason, outcome_lower_bound = excluded.outcome_lower_bound, \
      cost = excluded.cost, late = excluded.late, lease_expire_ms = excluded.lease_expire_ms, \
      complete_ms = excluded.complete_ms, completion = excluded.completion, \
-     measurements = excluded.measurements, reason = excluded.reason"
+     measurements = excluded.measurements, standard_errors = excluded.standard_errors, reason = excluded.reason"
 );
 
 pub(super) const TRIAL_EXCLUDE: &str = "UPDATE trials SET exclusion = $3 WHERE study = $1 AND number = $2 \

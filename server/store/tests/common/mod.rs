@@ -195,6 +195,8 @@ pub(crate) fn completed(number: u64, completion: u64, outcome: Outcome) -> Trial
     Trial {
         state: TrialState::Completed,
         measurements: BTreeMap::from([("render_ms".to_owned(), 0.5 + number as f64)]),
+        // Every other one has none.
+        standard_errors: (0..number % 2).map(|_| ("render_ms".to_owned(), 0.1 + 0.2)).collect(),
         cost,
         outcome: Some(outcome),
         complete_ms: Some(2_000),

@@ -130,6 +130,10 @@ fn malformed_questions_and_reports_change_nothing() {
     for (measurements, outcome) in bad {
         assert!(tuner.report(&trial, measurements, outcome, 1).is_err());
     }
+    for (name, error) in [("render_ms", -0.1), ("render_ms", f64::NAN), ("build_ms", 0.1)] {
+        let errors = BTreeMap::from([(name.to_owned(), error)]);
+        assert!(tuner.report_estimates(&trial, measured(1.0), errors, Outcome::Ok, 1).is_err());
+    }
     assert_eq!(tuner.open_trial(1).cloned(), before);
     let stranger = Trial { number: 99, ..trial };
     assert_eq!(tuner.report(&stranger, measured(1.0), Outcome::Ok, 1), Err(TunerError::UnknownTrial(99)));
