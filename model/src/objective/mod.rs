@@ -378,6 +378,30 @@ impl Objective {
         }
         if cost.is_finite() { Ok(cost + 0.0) } else { Err(ObjectiveError::Overflow) }
     }
+
+    /// The standard error of the cost of measurements, as a share of that cost, by independent standard
+    /// errors of measurements: finite, 0 where none of a term is known, or the cost is 0 or none.
+    pub fn relative_error(
+        &self,
+        measurements: &BTreeMap<String, f64>,
+        standard_errors: &BTreeMap<String, f64>,
+    ) -> f64 {
+        if standard_errors.is_empty() {
+            return 0.0;
+        }
+        let Some(cost) = self.cost(measurements).ok().filter(|cost| *cost > 0.0) else { return 0.0 };
+        let square = |ObjectiveTerm { metric, weight }: &ObjectiveTerm| {
+            let (value, error) = (measurements.get(metric)?, standard_errors.get(metric)?);
+            // To first order the reciprocal of a measurement errs by the same share as the measurement.
+            let of_cost = match self.maximised.contains(metric) {
+                true => weight / value * (error / value),
+                false => weight * error,
+            };
+            Some((of_cost / cost) * (of_cost / cost))
+        };
+        // What leaves the range of a double is as good as unknown.
+        self.terms.iter().filter_map(square).sum::<f64>().sqrt().min(f64::MAX)
+    }
 }
 
 /// `minimises 0.5 × build_ms + 1000 / fps`, or `maximises fps` where nothing else counts; with `, the mean of

@@ -166,3 +166,21 @@ fn auxiliary_metrics_are_checked_and_stored() {
     let old = r#"[{"metric":"render_ms","weight":1.0}]"#;
     assert_eq!(serde_json::from_str::<Objective>(old).expect("an earlier form"), plain);
 }
+
+#[test]
+fn standard_errors_of_measurements_are_propagated_to_the_cost() {
+    let plain = Objective::new(vec![term("build_ms", 0.5), term("render_ms", 2.0)]).expect("valid");
+    let mixed = plain.clone().with_maximised(vec!["render_ms".to_owned()]).expect("valid");
+    let named = |build: f64, render: f64| -> BTreeMap<String, f64> {
+        [("build_ms".to_owned(), build), ("render_ms".to_owned(), render)].into()
+    };
+    // 0.5 x 8 + 2 x 3 = 10, whose errors are 3 and 4.
+    assert_eq!(plain.relative_error(&named(8.0, 3.0), &named(6.0, 2.0)), 0.5);
+    // 0.5 x 8 + 2 / 0.5 = 8, whose errors are 0 and a quarter of 4.
+    assert_eq!(mixed.relative_error(&named(8.0, 0.5), &named(0.0, 0.125)), 0.125);
+    assert_eq!(plain.relative_error(&named(8.0, 3.0), &BTreeMap::new()), 0.0);
+    assert_eq!(plain.relative_error(&named(8.0, 3.0), &[("other".to_owned(), 1.0)].into()), 0.0);
+    assert_eq!(plain.relative_error(&named(0.0, 0.0), &named(1.0, 1.0)), 0.0, "there is no share of nothing");
+    assert_eq!(plain.relative_error(&BTreeMap::new(), &named(1.0, 1.0)), 0.0, "there is no cost");
+    assert_eq!(plain.relative_error(&named(8.0, 1e-300), &named(f64::MAX, f64::MAX)), f64::MAX);
+}

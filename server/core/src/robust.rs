@@ -5,6 +5,8 @@
 //! median of all means of two, is as good as the mean for Gaussian noise but for 5 %, and stands while fewer
 //! than 29 % of the measurements are wild. With one or two measurements it is their mean.
 
+use std::ops::Range;
+
 use serde::{Deserialize, Serialize};
 
 use crate::limits::EVIDENCE_MAX;
@@ -38,6 +40,9 @@ pub const REACH_AFTER: usize = 6;
 const WILD: f64 = 4.0;
 /// The least deviation that is assumed for logarithms of measurements.
 const SPREAD_LEAST: f64 = 0.005;
+
+/// The least that a measurement counts for, in usual ones.
+const WEIGHT_LEAST: f64 = 1e-3;
 
 /// Weight of all configurations' noise in that of one, in measurements of its own.
 pub(crate) const USUAL_COUNT: f64 = 4.0;
@@ -138,6 +143,9 @@ pub struct Evidence {
     recent: Vec<f64>,
     /// When each was measured, where that is known.
     moments: Vec<Option<Moment>>,
+    /// The standard error of each as a share of it, 0 where its client gave none; empty where all gave none.
+    #[serde(default)]
+    errors: Vec<f64>,
 }
 
 /// The kind of a measurement beside the earlier ones.
@@ -154,6 +162,7 @@ pub enum Deviation {
 impl Evidence {
     fn check(&self) {
         assert_eq!(self.recent.len(), self.moments.len(), "every measurement has its moment");
+        assert!([0, self.recent.len()].contains(&self.errors.len()), "{} errors", self.errors.len());
         assert!(self.recent.len() <= EVIDENCE_MAX, "{} measurements are kept", self.recent.len());
     }
 
@@ -165,21 +174,55 @@ impl Evidence {
             (cost - usual).abs() > OUTLIER * scale
         };
         if self.recent.len() == EVIDENCE_MAX {
-            self.recent.remove(0);
-            self.moments.remove(0);
+            self.forget(0..1);
         }
         self.recent.push(cost);
         self.moments.push(moment);
+        if !self.errors.is_empty() {
+            self.errors.push(0.0);
+        }
         self.check();
         if let Some(factor) = self.change() {
-            let older = self.recent.len() - RECENT;
-            self.recent.drain(..older);
-            self.moments.drain(..older);
+            self.forget(0..self.recent.len() - RECENT);
             assert_eq!(self.recent.len(), RECENT, "what was measured before is forgotten");
-            self.check();
             return Deviation::Changed(factor);
         }
         if outlier { Deviation::Outlier } else { Deviation::Usual }
+    }
+
+    fn forget(&mut self, places: Range<usize>) {
+        self.recent.drain(places.clone());
+        self.moments.drain(places.clone());
+        if !self.errors.is_empty() {
+            self.errors.drain(places);
+        }
+        self.check();
+    }
+
+    /// Notes the standard error of the latest measurement, as a share of it.
+    pub fn note_error(&mut self, error: f64) {
+        self.errors.resize(self.recent.len(), 0.0);
+        if let Some(last) = self.errors.last_mut() {
+            *last = error;
+        }
+        self.check();
+    }
+
+    /// What a measurement counts for, in usual ones, whose standard deviation as a share is `noise`: its own
+    /// variance adds to theirs.
+    pub fn weight(&self, place: usize, noise: f64) -> f64 {
+        let (usual, error) = (noise * noise, self.errors.get(place).copied().unwrap_or_default());
+        if error > 0.0 { (usual / (usual + error * error)).max(WEIGHT_LEAST) } else { 1.0 }
+    }
+
+    /// What its measurements count for on average; `None` where no standard error is known.
+    pub fn mean_weight(&self, noise: impl FnOnce() -> f64) -> Option<f64> {
+        if self.errors.is_empty() {
+            return None;
+        }
+        let noise = noise();
+        let sum: f64 = (0..self.errors.len()).map(|place| self.weight(place, noise)).sum();
+        Some(sum / self.errors.len() as f64)
     }
 
     /// The factor by which the last measurements differ from those before, if they clearly do: no recent one
@@ -255,9 +298,7 @@ impl Evidence {
         let is_alike = |place: &usize| self.moments[*place].is_none() && self.recent[*place] == cost;
         let place = self.moments.iter().rposition(is_known);
         if let Some(place) = place.or_else(|| (0..self.recent.len()).rev().find(is_alike)) {
-            self.recent.remove(place);
-            self.moments.remove(place);
-            self.check();
+            self.forget(place..place + 1);
             return true;
         }
         false
@@ -265,16 +306,19 @@ impl Evidence {
 
     /// Drops the latest measurement.
     pub fn drop_latest(&mut self) {
-        self.recent.pop();
-        self.moments.pop();
-        self.check();
+        self.forget(self.recent.len().saturating_sub(1)..self.recent.len());
     }
 
     /// The latest measurements as they are understood now, each with the number of its trial.
     pub fn restate(&mut self, costs: &[(u64, f64)]) {
         let latest = &costs[costs.len().saturating_sub(EVIDENCE_MAX)..];
-        let known = |time: u64| self.moments.iter().flatten().find(|moment| moment.time == time).copied();
-        self.moments = latest.iter().map(|(trial, _)| known(*trial)).collect();
+        let is_of = |trial: u64| move |moment: &Option<Moment>| moment.is_some_and(|one| one.time == trial);
+        let known = latest.iter().map(|(trial, _)| self.moments.iter().position(is_of(*trial)));
+        let known: Vec<Option<usize>> = known.collect();
+        if !self.errors.is_empty() {
+            self.errors = known.iter().map(|place| place.map_or(0.0, |place| self.errors[place])).collect();
+        }
+        self.moments = known.into_iter().map(|place| self.moments[place?]).collect();
         self.recent = latest.iter().map(|(_, cost)| *cost).collect();
         self.check();
     }
@@ -348,6 +392,34 @@ mod tests {
         assert_eq!(of(&[10.0]), 0.05);
         assert!(of(&[10.0, 10.0, 10.0, 10.0]) < 0.04);
         assert!(of(&[141.7, 118.2, 155.5, 120.1, 283.7, 121.5, 491.0]) > 0.3);
+    }
+
+    #[test]
+    fn standard_errors_stay_with_their_measurements() {
+        let moment = |time| Some(Moment { client: 1, time });
+        let mut evidence = Evidence::default();
+        let _ = evidence.push(10.0, moment(1));
+        assert_eq!((evidence.weight(0, 0.1), evidence.mean_weight(|| 0.1)), (1.0, None));
+        for (time, error) in [(2, 0.1), (3, 0.2)] {
+            let _ = evidence.push(10.0, moment(time));
+            evidence.note_error(error);
+        }
+        let _ = evidence.push(10.0, moment(4));
+        let weights = |evidence: &Evidence| -> Vec<f64> {
+            (0..evidence.count()).map(|place| (100.0 * evidence.weight(place, 0.1)).round()).collect()
+        };
+        assert_eq!(weights(&evidence), [100.0, 50.0, 20.0, 100.0]);
+        assert!((evidence.mean_weight(|| 0.1).expect("two errors") - 0.675).abs() < 1e-12);
+        assert!(evidence.take_back(1, 10.0));
+        assert_eq!(weights(&evidence), [50.0, 20.0, 100.0]);
+        evidence.restate(&[(3, 9.0), (7, 9.0), (2, 9.0)]);
+        assert_eq!(weights(&evidence), [20.0, 100.0, 50.0]);
+        evidence.drop_latest();
+        assert_eq!(weights(&evidence), [20.0, 100.0]);
+        for time in 10..10 + EVIDENCE_MAX as u64 {
+            let _ = evidence.push(9.0, moment(time));
+        }
+        assert!(weights(&evidence).iter().all(|weight| *weight == 100.0));
     }
 
     #[test]

@@ -6,6 +6,7 @@ use std::sync::Arc;
 use super::{Record, ResultTable};
 use crate::configuration::Configuration;
 use crate::ids::{MachineId, StateId};
+use crate::trial::{Outcome, Trial};
 
 /// The noise that is assumed before anything was measured twice, and the bounds of its estimate.
 pub(crate) const NOISE_PRIOR: f64 = 0.05;
@@ -42,6 +43,24 @@ impl Record {
 }
 
 impl ResultTable {
+    /// Notes the standard error of the cost of the trial that was learnt last, as a share of that cost; 0
+    /// where it is not known.
+    pub(crate) fn note_error(&mut self, trial: &Trial, error: f64) {
+        let is_measured = trial.outcome == Some(Outcome::Ok) && trial.cost.is_some();
+        if error > 0.0
+            && is_measured
+            && let Some(&index) = self.index.get(&trial.configuration)
+        {
+            self.records[index].evidence.note_error(error);
+        }
+    }
+
+    /// What the measurements of a configuration count for on average, in usual ones: above 0, at most 1.
+    /// `None` where no client gave a standard error of them.
+    pub(crate) fn weight(&self, configuration: &Configuration) -> Option<f64> {
+        self.record(configuration)?.evidence.mean_weight(|| self.assumed_noise())
+    }
+
     /// The standard deviation of a measurement, relative to its cost, as searches assume it.
     pub(crate) fn assumed_noise(&self) -> f64 {
         self.noise().unwrap_or(NOISE_PRIOR).clamp(NOISE_LEAST, NOISE_MAX)

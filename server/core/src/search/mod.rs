@@ -144,6 +144,10 @@ pub trait Search {
     /// it.
     fn hear(&mut self, _x: Vec<f64>, _verdict: Verdict) {}
 
+    /// Names what each measurement of a known point counts for, in usual ones: above 0, at most 1. A search
+    /// without a model ignores it.
+    fn weigh(&mut self, _x: &[f64], _weight: f64) {}
+
     /// Whether searches of this kind [follow](Search::follow) other states.
     fn hears_others() -> bool
     where

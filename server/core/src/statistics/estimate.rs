@@ -110,6 +110,17 @@ pub struct Measurement {
     pub log_cost: f64,
     /// Its client and time; `None` where these are not known.
     pub moment: Option<Moment>,
+    /// What it counts for, in usual ones: 1, or less for one whose client knows that it is poor.
+    pub weight: f64,
+}
+
+/// The weighed mean of the logarithms of costs, the sum of the weights, and the weighed sum of squared
+/// deviations from the mean.
+fn moments_of(measurements: &[Measurement]) -> (f64, f64, f64) {
+    let count = measurements.iter().map(|one| one.weight).sum::<f64>();
+    let mean = measurements.iter().map(|one| one.weight * one.log_cost).sum::<f64>() / count;
+    let square = |one: &Measurement| one.weight * ((one.log_cost - mean) * (one.log_cost - mean));
+    (mean, count, measurements.iter().map(square).sum())
 }
 
 /// The measurements of one configuration.
@@ -124,15 +135,14 @@ pub struct ConfigurationSample {
 }
 
 impl ConfigurationSample {
-    /// Mean of the logarithms of its costs.
+    /// Weighed mean of the logarithms of its costs.
     pub fn mean(&self) -> f64 {
-        self.measurements.iter().map(|one| one.log_cost).sum::<f64>() / self.measurements.len() as f64
+        moments_of(&self.measurements).0
     }
 
-    /// The sum of their squared deviations from the mean.
+    /// The weighed sum of their squared deviations from the mean.
     pub fn scatter(&self) -> f64 {
-        let mean = self.mean();
-        self.measurements.iter().map(|one| (one.log_cost - mean) * (one.log_cost - mean)).sum()
+        moments_of(&self.measurements).2
     }
 }
 
@@ -376,9 +386,7 @@ fn whole(samples: &[ConfigurationSample]) -> Vec<Cell> {
 
 impl Cell {
     fn of(configuration: usize, measurements: &[Measurement], weight: f64) -> Cell {
-        let count = measurements.len() as f64;
-        let mean = measurements.iter().map(|one| one.log_cost).sum::<f64>() / count;
-        let scatter: f64 = measurements.iter().map(|one| (one.log_cost - mean) * (one.log_cost - mean)).sum();
+        let (mean, count, scatter) = moments_of(measurements);
         let moment = measurements.first().and_then(|first| first.moment);
         Cell { configuration, mean, count: weight * count, scatter: weight * scatter, moment }
     }

@@ -114,7 +114,8 @@ impl AssessmentRequest {
         let place = |of: &Configuration| records.iter().position(|record| record.configuration == *of);
         let default_at = place(default);
         let incumbent_at = place(incumbent).or(default_at);
-        let posterior = posterior(&records, &layout, &self.spec.space, [default_at, incumbent_at])?;
+        let (space, noise) = (&self.spec.space, self.results.assumed_noise());
+        let posterior = posterior(&records, &layout, space, noise, [default_at, incumbent_at])?;
         let means = posterior.means();
         let mut leaders: Vec<usize> = (0..records.len()).collect();
         leaders.sort_by(|&a, &b| means[a].total_cmp(&means[b]));
@@ -180,9 +181,10 @@ fn posterior(
     records: &[&Record],
     layout: &Layout,
     space: &Space,
+    noise: f64,
     compared: [Option<usize>; 2],
 ) -> Option<CostPosterior> {
-    let mut samples = samples(records, layout, space, compared);
+    let mut samples = samples(records, layout, space, noise, compared);
     weigh(&mut samples);
     let kinds = layout.kinds();
     CostPosterior::of(&samples, |a, b| {
@@ -193,11 +195,13 @@ fn posterior(
 /// The measurements of configurations, cleaned so that one absurd report does no harm. Measurements that
 /// others of the same configuration contradict are passed over or drawn in. A measurement far above all
 /// others and above the records at `compared` is drawn in, because its exact cost does not matter. A single
-/// measurement far below is drawn in likewise.
+/// measurement far below is drawn in likewise. Beside the `noise` of the state, a standard deviation, those
+/// with large standard errors count for less.
 pub(super) fn samples(
     records: &[&Record],
     layout: &Layout,
     space: &Space,
+    noise: f64,
     compared: [Option<usize>; 2],
 ) -> Vec<ConfigurationSample> {
     let costs = records.iter().flat_map(|record| record.evidence.values());
@@ -216,7 +220,8 @@ pub(super) fn samples(
     let one = |(place, record): (usize, &&Record)| {
         let mut x = space.encode(&record.configuration);
         let active = layout.canonical(&mut x);
-        let mut one = sample(layout.features(&x, &active), &record.evidence, least, Some(libm::exp(middle)));
+        let (features, usual) = (layout.features(&x, &active), Some(libm::exp(middle)));
+        let mut one = sample(features, &record.evidence, noise, (least, usual));
         let is_single = one.measurements.len() == 1;
         let least = if is_single { low } else { f64::NEG_INFINITY };
         let most = match compared.contains(&Some(place)) {
@@ -261,13 +266,22 @@ fn weigh(samples: &mut [ConfigurationSample]) {
 
 /// The measurements of one configuration; wild ones are passed over or drawn in. Costs count as `least` at
 /// least.
-fn sample(features: Vec<f64>, evidence: &Evidence, least: f64, usual: Option<f64>) -> ConfigurationSample {
+fn sample(
+    features: Vec<f64>,
+    evidence: &Evidence,
+    noise: f64,
+    (least, usual): (f64, Option<f64>),
+) -> ConfigurationSample {
     let places = trusted(evidence.values(), usual);
     let mut logs: Vec<f64> =
         places.iter().map(|&place| libm::log(evidence.values()[place].max(least))).collect();
     draw_in(&mut logs);
-    let measured = logs.into_iter().zip(places.iter().map(|&place| evidence.moments()[place]));
-    let measurements = measured.map(|(log_cost, moment)| Measurement { log_cost, moment }).collect();
+    let measurement = |(log_cost, place): (f64, usize)| Measurement {
+        log_cost,
+        moment: evidence.moments()[place],
+        weight: evidence.weight(place, noise),
+    };
+    let measurements = logs.into_iter().zip(places).map(measurement).collect();
     ConfigurationSample { features, measurements, weight: 1.0 }
 }
 
@@ -307,7 +321,7 @@ mod tests {
             costs.iter().for_each(|cost| {
                 evidence.push(*cost, None);
             });
-            sample(Vec::new(), &evidence, f64::MIN_POSITIVE, None)
+            sample(Vec::new(), &evidence, 0.05, (f64::MIN_POSITIVE, None))
         };
         let quiet = [of(&[10.0, 10.4, 9.7]), of(&[12.0, 12.5, 11.9]), of(&[11.0])];
         let restless = of(&[14.2, 11.8, 15.6, 12.0, 28.4, 12.2, 49.1]);

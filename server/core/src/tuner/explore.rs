@@ -303,6 +303,9 @@ impl Tuner {
                 (false, true) => search.hear(point(), Verdict::Cost(record.mean_cost)),
                 (false, false) => break,
             }
+            if let Some(weight) = results.weight(&record.configuration) {
+                search.weigh(&point(), weight);
+            }
         }
         let transfer = self.transfer();
         if !was_dropped && transfer.warms_up_searches() {
@@ -365,6 +368,9 @@ impl Tuner {
                 search.tell_cheaper(point.id, Some(verdict));
             } else if let Some(verdict) = settled {
                 search.tell(point.id, Feedback { verdict, fresh: false });
+                if let Some(weight) = results.weight(&configuration) {
+                    search.weigh(&point.x, weight);
+                }
             } else if !is_cheaper && self.trials.runs(state, &configuration) {
                 waiting.push(point.id);
                 walk = NextPoint::Wait;

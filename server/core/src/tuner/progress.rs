@@ -24,7 +24,7 @@ pub(super) fn gained(
     let records = results.spread(PROGRESS_SAMPLES_MAX / 2, PROGRESS_SAMPLES_MAX / 2, before.as_slice());
     let layout = Layout::of(space);
     let then = before.and_then(|before| records.iter().position(|record| record.configuration == *before));
-    let samples = samples(&records, &layout, space, [then, None]);
+    let samples = samples(&records, &layout, space, results.assumed_noise(), [then, None]);
     let posterior = CostPosterior::of(&samples, distance_2)?;
     let means = posterior.means();
     assert_eq!(means.len(), records.len(), "a mean for every record");

@@ -1,5 +1,6 @@
 //! The second half of a client's frame, and the other ends of a trial.
 
+use crate::configuration::Configuration;
 use crate::decision::{BudgetStatus, Choice, Explore};
 use crate::ids::{StateId, TrialNumber};
 use crate::policy::Policy;
@@ -111,6 +112,19 @@ impl Tuner {
         self.tell_of_transfer(completed, state, verdict);
         self.tell_race(completed, learnt.cost);
         self.release(completed, verdict.map(|verdict| Feedback { verdict, fresh: true }));
+        self.weigh(state, &completed.configuration);
+    }
+
+    /// Tells a state's search what the measurements of a configuration count for, where standard errors of
+    /// them are known.
+    fn weigh(&mut self, state: StateId, configuration: &Configuration) {
+        let goes_on = self.searches.of(state).is_some_and(|own| own.search.is_some());
+        let weight = self.states.results(state).weight(configuration).filter(|_| goes_on);
+        if let Some(weight) = weight
+            && let Some(Exploration { search: Some(search), .. }) = self.searches.change(state)
+        {
+            search.weigh(&self.spec.space.encode(configuration), weight);
+        }
     }
 
     /// Passes the result of a trial at a cheaper level to its search, which alone hears of it. The point of a
@@ -198,7 +212,8 @@ impl Tuner {
             let default = spec.space.default_ref();
             transfer::compare(&mut self.states, default, state, &trial.configuration, cost);
         }
-        self.states.learn(state, &understood);
+        let error = spec.objective.relative_error(&trial.measurements, &trial.standard_errors);
+        self.states.learn(state, &understood, error);
         let results = self.states.results(state);
         if self.history.octave_is_over(state, results.tried()) {
             let before =

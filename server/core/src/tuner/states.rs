@@ -239,12 +239,15 @@ impl States {
         self.index.weigh(&self.known[place(id)].anchor)
     }
 
-    /// Takes the result of a completed trial into the table of its state.
-    pub(super) fn learn(&mut self, id: StateId, trial: &Trial) {
+    /// Takes the result of a completed trial into the table of its state. `error` is the standard error of
+    /// its cost, as a share; 0 where it is not known.
+    pub(super) fn learn(&mut self, id: StateId, trial: &Trial, error: f64) {
         let state = &mut self.known[place(id)];
         let before = state.results.remembered();
         let (version, had_default) = (state.results.version(), state.results.record(&self.default).is_some());
-        Arc::make_mut(&mut state.results).learn(trial, &self.default);
+        let results = Arc::make_mut(&mut state.results);
+        results.learn(trial, &self.default);
+        results.note_error(trial, error);
         assert!(state.results.version() >= version, "version {} after {version}", state.results.version());
         assert!(!had_default || state.results.record(&self.default).is_some(), "the default stays");
         assert!(state.results.remembered() <= RECORDS_PER_STATE_MAX, "{}", state.results.remembered());

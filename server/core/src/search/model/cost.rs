@@ -70,7 +70,7 @@ impl ModelSearch {
         let below: Vec<Vec<f64>> = cheaper.iter().map(below).collect();
         let places = measured.iter().copied().chain(cheaper.iter().map(|point| &point.place));
         let costs: Vec<f64> = places.map(|place| place.observed.cost()).collect();
-        let counts = measured.iter().map(|place| place.observed.count());
+        let counts = measured.iter().map(|place| place.count);
         let mut counts: Vec<f64> = counts.chain(cheaper.iter().map(|point| point.count)).collect();
         let points = measured.iter().map(|place| place.features.as_slice());
         let mut points: Vec<&[f64]> = points.chain(below.iter().map(Vec::as_slice)).collect();

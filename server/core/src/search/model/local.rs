@@ -145,7 +145,7 @@ impl Near {
         let of = |place: &&ModelledPoint| LocalMeasurement {
             x: axes.iter().map(|&axis| place.x[axis]).collect(),
             cost: place.observed.cost(),
-            count: place.observed.count(),
+            count: place.count,
         };
         let measured: Vec<LocalMeasurement> = measured.iter().filter(agrees).map(of).collect();
         let weights = axes.iter().map(|&axis| cost.weights()[axis]).collect();

@@ -28,6 +28,8 @@
 //!   point and the best of the others, and costs may depend on it linearly. Its weight is learnt like a
 //!   length, and each parameter's part in it is weighed by the measurements here. While no better point is
 //!   found, their further winners are tried now and then: no sum of effects tells what pays only together.
+//! - *Known errors.* A point whose client knows the standard error of its measurements counts for less than
+//!   others, by its share in the variance.
 //! - *Scale.* Costs are seen through a logarithm whose origin is chosen by likelihood (see `gp::warping`).
 //! - *Cheaper levels.* Measurements there are inputs of the model of cost, and points may be measured there
 //!   first (see `cheaper`).
@@ -100,6 +102,9 @@ struct MeasuredPoint {
     x: Vec<u32>,
     #[serde(rename = "found")]
     observed: Observed,
+    /// The share of a usual measurement that each of its own does not count for.
+    #[serde(default, skip_serializing_if = "is_default")]
+    lacks: f64,
 }
 
 /// The search. See the head of this module.
@@ -159,6 +164,8 @@ struct ModelledPoint {
     x: Vec<f64>,
     features: Vec<f64>,
     observed: Observed,
+    /// The number of its measurements, in usual ones.
+    count: f64,
 }
 
 impl ModelSearch {
@@ -231,14 +238,17 @@ impl ModelSearch {
 
     /// A known configuration, in the form that the models use.
     fn place(&self, index: usize) -> ModelledPoint {
-        self.modelled(&self.seen[index].x, self.seen[index].observed)
+        let seen = &self.seen[index];
+        let place = self.modelled(&seen.x, seen.observed);
+        ModelledPoint { count: place.count * (1.0 - seen.lacks), ..place }
     }
 
     /// A result at a place of the grid, in that form.
     fn modelled(&self, x: &[u32], observed: Observed) -> ModelledPoint {
         let mut x = coordinates(x);
         let active = self.setup.layout.canonical(&mut x);
-        ModelledPoint { features: self.setup.layout.features(&x, &active), x, observed }
+        let features = self.setup.layout.features(&x, &active);
+        ModelledPoint { features, x, observed, count: observed.count() }
     }
 
     /// The points that the models are fitted to: all, or the best and the latest.
@@ -342,8 +352,9 @@ impl ModelSearch {
         let measured: Vec<_> =
             measured.iter().filter(|place| matches!(place.observed, Observed::Cost { .. })).collect();
         let leader = measured.iter().min_by(|a, b| a.observed.cost().total_cmp(&b.observed.cost()))?;
-        let (least, count) = (leader.observed.cost(), leader.observed.count());
-        let reach = least.abs() * deviation;
+        let (least, count) = (leader.observed.cost(), leader.count);
+        // A poor measurement may have been luckier.
+        let reach = least.abs() * deviation / count.min(1.0).sqrt();
         let close = |place: &&&&ModelledPoint| place.observed.cost() - least <= reach;
         let rivals = measured.iter().filter(close).count() - 1;
         let grid = steps(&leader.x);
@@ -427,7 +438,7 @@ impl Search for ModelSearch {
             Verdict::Infeasible => Observed::Infeasible,
         };
         match known.map(|index| &mut self.seen[index].observed) {
-            None => self.seen.push(MeasuredPoint { x, observed }),
+            None => self.seen.push(MeasuredPoint { x, observed, lacks: 0.0 }),
             Some(_) if !feedback.fresh => return,
             Some(Observed::Cost { mean, count }) => {
                 if let Observed::Cost { mean: cost, .. } = observed {
@@ -488,6 +499,14 @@ impl Search for ModelSearch {
         let point = self.make_pending((x, Step::Restart, None));
         self.tell(point.id, Feedback { verdict, fresh: true });
         self.default_is_due = !is_begun && self.default_seen().is_none();
+    }
+
+    fn weigh(&mut self, x: &[f64], weight: f64) {
+        assert!(weight > 0.0 && weight <= 1.0, "a weight of {weight}");
+        let (x, _) = self.grid(x);
+        if let Some(seen) = self.seen.iter_mut().find(|seen| seen.x == x) {
+            seen.lacks = 1.0 - weight;
+        }
     }
 
     fn hears_others() -> bool {

@@ -15,7 +15,7 @@ fn mean(values: &[f64]) -> f64 {
 
 /// Measurements without a time.
 fn unordered(log_costs: &[f64]) -> Vec<Measurement> {
-    log_costs.iter().map(|&log_cost| Measurement { log_cost, moment: None }).collect()
+    log_costs.iter().map(|&log_cost| Measurement { log_cost, moment: None, weight: 1.0 }).collect()
 }
 
 /// The samples of a search that falls for luck: a quarter at random, then steps from the lowest mean.
@@ -161,6 +161,30 @@ fn the_unit_of_costs_and_the_order_of_samples_do_not_matter() {
 }
 
 #[test]
+fn a_poor_measurement_counts_for_less_than_a_good_one() {
+    // Half a logarithm below the others, as six measurements say.
+    let mean = |weight: f64| {
+        let sample = |place: usize| {
+            let (log_cost, count, weight) = match place {
+                3 => (-0.5, 6, weight),
+                _ => (0.02 * (place % 3) as f64, 1, 1.0),
+            };
+            let measurements = vec![Measurement { log_cost, moment: None, weight }; count];
+            ConfigurationSample { features: vec![place as f64 / 8.0], measurements, weight: 1.0 }
+        };
+        let samples: Vec<ConfigurationSample> = (0..8).map(sample).collect();
+        CostPosterior::of(&samples, distance_2).expect("there are samples").means()[3]
+    };
+    let (good, poor) = (mean(1.0), mean(0.001));
+    assert!(good < -0.3 && poor > -0.1, "{good} by good ones, {poor} by poor ones");
+    // Of two measurements of one configuration the better one has more say.
+    let of = |(weight, log_cost): (f64, f64)| Measurement { log_cost, moment: None, weight };
+    let measurements = [(1.0, 2.0), (0.25, 7.0)].map(of).to_vec();
+    let two = ConfigurationSample { features: vec![0.0], measurements, weight: 1.0 };
+    assert_eq!((two.mean(), two.scatter()), (3.0, 5.0));
+}
+
+#[test]
 fn few_and_equal_samples_are_fine() {
     assert!(CostPosterior::of(&[], distance_2).is_none());
     let one = ConfigurationSample { features: vec![0.1], measurements: unordered(&[2.0]), weight: 1.0 };
@@ -183,7 +207,8 @@ fn wandering(plan: &[usize], gain: f64, seed: u64) -> Vec<ConfigurationSample> {
     let mut measured: Vec<Vec<Measurement>> = vec![Vec::new(); places];
     for (time, &place) in plan.iter().enumerate() {
         let log_cost = speed + 0.04 * normal(&mut random) - if place == 0 { 0.0 } else { gain };
-        measured[place].push(Measurement { log_cost, moment: Some(Moment { client: 1, time: time as u64 }) });
+        let moment = Some(Moment { client: 1, time: time as u64 });
+        measured[place].push(Measurement { log_cost, moment, weight: 1.0 });
         speed = keep * speed + 0.13 * (1.0 - keep * keep).sqrt() * normal(&mut random);
     }
     let sample = |(place, measurements)| {

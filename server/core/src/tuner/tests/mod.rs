@@ -4,6 +4,7 @@ mod answers;
 mod budget;
 mod changed;
 mod decisions;
+mod estimates;
 mod excluded;
 mod exploiting;
 mod exploring;
