@@ -5,13 +5,12 @@
 //! trial that is handed out stays with its client until it is reported or given back, or its lease ends;
 //! dropping the record does nothing. Frame loops use [`crate::Study`].
 
-use treewright_proto::convert::{
-    configuration_to_wire, fingerprint_to_wire, outcome_to_wire, session_policy_to_wire,
-};
+use treewright_proto::convert::{configuration_to_wire, fingerprint_to_wire, session_policy_to_wire};
 use treewright_proto::v1;
 
 use crate::client::study_name;
 use crate::core::Core;
+use crate::delivery::report_request;
 use crate::{
     Best, Client, ClientError, Configuration, Fingerprint, Indicators, Measurements, Outcome, SessionPolicy,
     TrialQuery, TrialRecord, wire,
@@ -83,11 +82,7 @@ impl Client {
         measurements: &Measurements,
         outcome: &Outcome,
     ) -> Result<(TrialRecord, bool), ClientError> {
-        let request = v1::ReportRequest {
-            trial: trial.to_owned(),
-            measurements: measurements.0.clone(),
-            outcome: Some(outcome_to_wire(outcome)),
-        };
+        let request = report_request(trial, measurements, outcome);
         let mut rpc = self.core.rpc();
         let answer = self.core.admin("Report", rpc.report(request)).await?;
         let trial = answer.trial.unwrap_or_default();

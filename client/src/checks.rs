@@ -41,6 +41,15 @@ pub(crate) fn measurements(measurements: &Measurements) -> Result<(), ClientErro
             ));
         }
     }
+    for (name, error) in &measurements.1 {
+        let what = format!("standard error of measurement `{name}`");
+        if measurements.get(name).is_none() {
+            return Err(ClientError::invalid(what, "the report has no such measurement"));
+        }
+        if !(error.is_finite() && *error >= 0.0) {
+            return Err(ClientError::invalid(what, format!("{error} is not a finite number of at least 0")));
+        }
+    }
     Ok(())
 }
 
@@ -128,6 +137,11 @@ mod tests {
             assert!(error.contains("render_ms") && error.contains("finite"), "{error}");
         }
         assert!(measurements(&Measurements::new().with("Render ms", 1.0)).is_err());
+        let estimated = |error| Measurements::from([("ms", 3.0)]).with_standard_error("ms", error);
+        assert!(measurements(&estimated(0.0)).is_ok() && measurements(&estimated(4.0)).is_ok());
+        for bad in [estimated(f64::NAN), estimated(-0.1), estimated(0.1).with_standard_error("fps", 1.0)] {
+            assert!(measurements(&bad).unwrap_err().to_string().contains("standard error"));
+        }
         let many: Measurements = (0..65).map(|index| (format!("m{index}"), 1.0)).collect();
         assert!(measurements(&many).unwrap_err().to_string().contains("64"));
     }

@@ -83,6 +83,7 @@ pub(crate) fn report_request(
         trial: trial.to_owned(),
         measurements: measurements.0.clone(),
         outcome: Some(outcome_to_wire(outcome)),
+        standard_errors: measurements.1.clone(),
     }
 }
 

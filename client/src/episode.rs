@@ -1,6 +1,7 @@
 //! Trials of several frames, where a study asks for them ([`crate::StudyBuilder::episode_frames`]). A trial's
 //! measurements are then the means of its frames; it ends early once its mean must be above its cap.
 
+use std::collections::BTreeMap;
 use std::sync::{Arc, Weak};
 use std::time::{Duration, Instant, SystemTime};
 
@@ -23,6 +24,8 @@ pub(crate) struct Episode {
     costs: Vec<f64>,
     /// Of each measurement that every frame had; of maximised ones, of their reciprocals.
     sums: Measurements,
+    /// The sums of squares of their standard errors.
+    squares: BTreeMap<String, f64>,
     /// The lease is renewed after this time; `None` for a lease without an end.
     renew_after: Option<Duration>,
     renewed: Instant,
@@ -39,6 +42,7 @@ impl Episode {
             indicators: Arc::new(indicators.clone()),
             costs: Vec::with_capacity(planned),
             sums: Measurements::new(),
+            squares: BTreeMap::new(),
             // A renewal that fails is repeated before the lease ends.
             renew_after: left.map(|left| (left / 3).max(limits::LEAST_RENEWAL)),
             renewed: Instant::now(),
@@ -119,6 +123,12 @@ impl Episode {
         let summand = |metric: &str, value: f64| {
             if is_maximised(objective, metric) { 1.0 / value } else { value }
         };
+        for (metric, error) in &measured.1 {
+            let value = measured.get(metric).unwrap_or_default();
+            // A reciprocal errs by the same share.
+            let error = if is_maximised(objective, metric) { error / value / value } else { *error };
+            *self.squares.entry(metric.clone()).or_default() += error * error;
+        }
         if self.costs.is_empty() {
             self.sums = measured.iter().map(|(metric, value)| (metric, summand(metric, value))).collect();
             return;
@@ -131,7 +141,7 @@ impl Episode {
     }
 
     /// The means of all frames. That of a maximised metric is the harmonic one, so that the trial's cost is
-    /// the mean of its frames' costs.
+    /// the mean of its frames' costs. The errors of frames are independent.
     fn means(&self, objective: &Objective) -> Measurements {
         let frames = self.costs.len() as f64;
         let mean = |(metric, sum): (&str, f64)| {
@@ -139,6 +149,12 @@ impl Episode {
             (metric.to_owned(), within_limits(objective, metric, mean))
         };
         let mut means: Measurements = self.sums.iter().map(mean).collect();
+        for (metric, square) in &self.squares {
+            if let Some((sum, mean)) = self.sums.get(metric).zip(means.get(metric)) {
+                let of_sum = if is_maximised(objective, metric) { mean / sum } else { 1.0 / frames };
+                means.1.insert(metric.clone(), square.sqrt() * of_sum);
+            }
+        }
         if let Some(trend) = episode_trend(&self.costs)
             && means.get(TREND).is_none()
             && means.len() < Measurements::MOST
@@ -226,6 +242,23 @@ mod tests {
         let means = result.unwrap().0;
         assert_eq!(means.get("fps"), Some(40.0));
         assert_eq!(spec.objective.cost(&means.0), Ok(25.0), "of 10 and 40 ms");
+    }
+
+    #[test]
+    fn standard_errors_of_frames_are_those_of_their_mean() {
+        let spec = builder().minimise("error_ms", 1.0).maximise("fps", 1000.0);
+        let spec = spec.episode_frames(2).build().unwrap();
+        let frame = |fps: f64, errors: [f64; 2]| {
+            let measured = Measurements::from([("error_ms", 8.0), ("fps", fps)]);
+            measured.with_standard_error("error_ms", errors[0]).with_standard_error("fps", errors[1])
+        };
+        let frames = [frame(100.0, [3.0, 20.0]), frame(25.0, [4.0, 0.0])];
+        let means = run(&spec, None, &frames).1.unwrap().0;
+        assert_eq!(means.1.get("error_ms"), Some(&2.5));
+        // The times are 10 ms with an error of 2, and 40 ms: 25 ms with an error of 1.
+        let relative = spec.objective.relative_error(&means.0, &means.1);
+        let expected = (2.5_f64.powi(2) + 1.0).sqrt() / 33.0;
+        assert!((relative / expected - 1.0).abs() < 1e-12, "{relative} is not {expected}");
     }
 
     #[test]

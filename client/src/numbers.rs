@@ -5,11 +5,11 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 
 macro_rules! named_numbers {
-    ($(#[$doc:meta])* $type:ident) => {
+    ($(#[$doc:meta])* $type:ident $(, $errors:ty)?) => {
         $(#[$doc])*
         #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
         #[serde(transparent)]
-        pub struct $type(pub(crate) BTreeMap<String, f64>);
+        pub struct $type(pub(crate) BTreeMap<String, f64> $(, #[serde(skip)] pub(crate) $errors)?);
 
         impl $type {
             /// An empty set.
@@ -62,7 +62,8 @@ macro_rules! named_numbers {
 
         impl<N: Into<String>> FromIterator<(N, f64)> for $type {
             fn from_iter<I: IntoIterator<Item = (N, f64)>>(numbers: I) -> Self {
-                Self(numbers.into_iter().map(|(name, value)| (name.into(), value)).collect())
+                let numbers = numbers.into_iter().map(|(name, value)| (name.into(), value));
+                Self(numbers.collect() $(, <$errors>::default())?)
             }
         }
     };
@@ -77,12 +78,20 @@ named_numbers! {
 named_numbers! {
     /// Measurements with a trial's configuration, e.g. `build_ms` and `render_ms`: kept raw by the service.
     /// At most 64, finite, not negative; names spelt like a parameter's.
-    Measurements
+    Measurements, BTreeMap<String, f64>
 }
 
 impl Measurements {
     /// The most entries of a report.
     pub const MOST: usize = treewright_model::limits::MEASUREMENTS_MAX;
+
+    /// These measurements, of which the named one is an estimate with this standard error: finite, not
+    /// negative, in its unit. One whose error is large beside the state's noise counts for less than others.
+    #[must_use]
+    pub fn with_standard_error(mut self, name: impl Into<String>, error: f64) -> Self {
+        self.1.insert(name.into(), error);
+        self
+    }
 
     /// Whether the service takes the name: 1 to 64 characters of `a-z`, `0-9` and `_`, beginning with a
     /// letter.

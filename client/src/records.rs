@@ -66,6 +66,9 @@ pub struct TrialRecord {
     pub state: OpenEnum<TrialState>,
     /// The raw measurements of the report.
     pub measurements: Measurements,
+    /// The standard errors of measurements that are estimates, as the report gave them.
+    #[serde(skip_serializing_if = "Measurements::is_empty")]
+    pub standard_errors: Measurements,
     /// The objective computed from the measurements; `None` at a cheaper level.
     pub cost: Option<f64>,
     /// The reported outcome; `None` before the report.

@@ -50,6 +50,7 @@ fn trial(number: u64, state: i64, values: [i64; 2], idle: bool, kind: &str, ms: 
         lease_expire_time: None,
         state: OpenEnum::Known(TrialState::Completed),
         measurements: Measurements::new().with("ms", ms).with("sample", number as f64),
+        standard_errors: Measurements::new(),
         cost: Some(ms),
         outcome: Some(OpenEnum::Known(Outcome::Ok)),
         late: false,

@@ -39,8 +39,8 @@ sites can be merged in any order and as often as you like. Only trials with a re
 INFEASIBLE and ABORTED. Excluded ones are not.
 
 A CSV or Parquet file needs columns config.NAME, indicator.NAME and measurement.NAME. Optional columns \
-are outcome (OK, INFEASIBLE, ABORTED), lower_bound, client_id, origin and exclusion. An exported Parquet file \
-also contains the study; for other tables, name it with --study.
+are standard_error.NAME, outcome (OK, INFEASIBLE, ABORTED), lower_bound, client_id, origin and exclusion. An \
+exported Parquet file also contains the study; for other tables, name it with --study.
 
 --optuna-study reads a database of Optuna (RDB storage in SQLite), and --vizier-study one of OSS Vizier. \
 If the study does not exist, it is created with the other one's parameters; else its first metric gets the \

@@ -124,7 +124,7 @@ fn value(role: &Role, text: &str, space: &Space) -> Result<Option<Value>, String
     }
     Ok(Some(match role {
         Role::Configuration(_) => Value::parse(trimmed),
-        Role::Indicator(_) | Role::Measurement(_) | Role::LowerBound => {
+        Role::Indicator(_) | Role::Measurement(_) | Role::StandardError(_) | Role::LowerBound => {
             Value::Float(trimmed.parse().map_err(|_| format!("`{trimmed}` is no number"))?)
         }
         Role::Outcome | Role::Fingerprint => Value::Text(trimmed.to_owned()),
@@ -190,16 +190,19 @@ mod tests {
 
     #[test]
     fn a_table_is_read_by_its_header() {
-        let table = "config.level,config.mode,indicator.mb,measurement.wall_ms,outcome,reason,lower_bound,note\n\
-                     3,fast,10,812.5,OK,,,x\n\
-                     5,fast,10,,INFEASIBLE,\"no, memory\",,\n\
-                     7,fast,10,,ABORTED,,900,\n\
-                     9,fast,10,,FAILED,crash,,\n\
-                     1,fast,10,700,,,,\n";
+        let table = "config.level,config.mode,indicator.mb,measurement.wall_ms,outcome,reason,lower_bound,note,\
+                     standard_error.wall_ms\n\
+                     3,fast,10,812.5,OK,,,x,2.5\n\
+                     5,fast,10,,INFEASIBLE,\"no, memory\",,,\n\
+                     7,fast,10,,ABORTED,,900,,\n\
+                     9,fast,10,,FAILED,crash,,,\n\
+                     1,fast,10,700,,,,,\n";
         let trials = parse(table.as_bytes(), "a.csv", &space()).expect("a table");
         assert_eq!(trials.len(), 4);
         assert_eq!(trials[0].configuration, Configuration::new().with("level", 3).with("mode", "fast"));
         assert_eq!(trials[0].measurements["wall_ms"], 812.5);
+        assert_eq!(trials[0].standard_errors["wall_ms"], 2.5);
+        assert!(trials[1].standard_errors.is_empty());
         assert_eq!(trials[0].origin, "a.csv:2");
         assert_eq!(trials[1].outcome, Outcome::infeasible("no, memory"));
         assert_eq!(trials[2].outcome, Outcome::aborted(900.0));

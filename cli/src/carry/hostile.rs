@@ -109,6 +109,7 @@ fn damaged_parquet_files_are_refused() {
         lease_expire_time: None,
         state: OpenEnum::Known(TrialState::Completed),
         measurements: Measurements::new().with("loss", 1.5),
+        standard_errors: Measurements::new().with("loss", 0.25),
         cost: Some(1.5),
         outcome: Some(OpenEnum::Known(Outcome::Ok)),
         late: false,

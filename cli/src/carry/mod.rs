@@ -48,6 +48,8 @@ pub(crate) struct CarriedTrial {
     pub(crate) indicators: BTreeMap<String, f64>,
     pub(crate) configuration: Configuration,
     pub(crate) measurements: BTreeMap<String, f64>,
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub(crate) standard_errors: BTreeMap<String, f64>,
     pub(crate) outcome: Outcome,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) cost: Option<f64>,
@@ -73,12 +75,16 @@ impl CarriedTrial {
             return None;
         }
         let time = |time| humantime::format_rfc3339_millis(time).to_string();
+        let named = |numbers: &Measurements| -> BTreeMap<String, f64> {
+            numbers.iter().map(|(name, value)| (name.to_owned(), value)).collect()
+        };
         Some(Self {
             origin: origin(trial, site),
             client_id: client_id(trial).to_owned(),
             indicators: trial.indicators.iter().map(|(name, value)| (name.to_owned(), value)).collect(),
             configuration: trial.configuration.clone(),
-            measurements: trial.measurements.iter().map(|(name, value)| (name.to_owned(), value)).collect(),
+            measurements: named(&trial.measurements),
+            standard_errors: named(&trial.standard_errors),
             outcome,
             cost: trial.cost,
             // An import has to send one, and one that says nothing is none.
@@ -295,15 +301,21 @@ impl<'a> Importer<'a> {
                 return Err(format!("it did not measure {}", term.metric));
             }
         }
-        if let Some((name, value)) =
-            trial.measurements.iter().find(|(_, value)| !(value.is_finite() && **value >= 0.0))
-        {
+        let mut numbers = trial.measurements.iter().chain(&trial.standard_errors);
+        if let Some((name, value)) = numbers.find(|(_, value)| !(value.is_finite() && **value >= 0.0)) {
             return Err(format!("{name} is {value}, and must be finite and at least 0"));
+        }
+        let mut errors = trial.standard_errors.keys();
+        if let Some(name) = errors.find(|name| !trial.measurements.contains_key(*name)) {
+            return Err(format!("it has a standard error of {name}, which it did not measure"));
         }
         if trial.outcome == Outcome::Ok {
             has_cost(self.spec, &trial.measurements)?;
         }
         let measured = trial.measurements.iter().map(|(name, value)| (name.clone(), *value)).collect();
+        let errors = trial.standard_errors.iter();
+        let measured =
+            errors.fold(measured, |all: Measurements, (name, error)| all.with_standard_error(name, *error));
         let client_id: String = trial.client_id.chars().filter(|each| !each.is_control()).collect();
         // With the prefix, a name of more than 121 characters is too long, and loses its end. It identifies
         // nobody here: the origin identifies the trial.

@@ -87,6 +87,7 @@ async fn read_study(path: &Path, name: &str) -> Result<Foreign, String> {
             measurements: [(METRIC.to_owned(), value)].into(),
             outcome: Outcome::Ok,
             cost: None,
+            standard_errors: BTreeMap::new(),
             fingerprint: None,
             complete_time: None,
             exclusion: None,

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use std::time::SystemTime;
 
 use treewright_client::{
-    Configuration, CostView, Domain, Fingerprint, Outcome, StudySpec, TrialRecord, Value,
+    Configuration, CostView, Domain, Fingerprint, Measurements, Outcome, StudySpec, TrialRecord, Value,
 };
 
 use super::{CarriedTrial, client_id, origin};
@@ -15,6 +15,7 @@ use crate::show;
 const CONFIGURATION: &str = "config.";
 const INDICATOR: &str = "indicator.";
 pub(super) const MEASUREMENT: &str = "measurement.";
+const STANDARD_ERROR: &str = "standard_error.";
 /// The column that holds the machine, as JSON.
 pub(super) const FINGERPRINT: &str = "fingerprint";
 /// The column with the reason of an excluded trial.
@@ -91,17 +92,23 @@ pub(super) fn columns(spec: &StudySpec, trials: &[TrialRecord], site: &str) -> V
             trial.indicators.get(&name).map(TrialCell::Number)
         })
     }));
-    let mut measured: Vec<&str> =
-        trials.iter().flat_map(|trial| trial.measurements.iter().map(|(name, _)| name)).collect();
-    measured.sort_unstable();
-    measured.dedup();
-    columns.extend(measured.into_iter().map(|name| {
-        let name = name.to_owned();
-        TrialColumn::new(format!("{MEASUREMENT}{name}"), Kind::Number, move |trial| {
-            trial.measurements.get(&name).map(TrialCell::Number)
-        })
-    }));
+    columns.extend(measured(trials, MEASUREMENT, |trial| &trial.measurements));
+    columns.extend(measured(trials, STANDARD_ERROR, |trial| &trial.standard_errors));
     columns
+}
+
+/// A column for each name among certain numbers of the trials.
+fn measured(trials: &[TrialRecord], prefix: &str, of: fn(&TrialRecord) -> &Measurements) -> Vec<TrialColumn> {
+    let mut names: Vec<&str> =
+        trials.iter().flat_map(|trial| of(trial).iter().map(|(name, _)| name)).collect();
+    names.sort_unstable();
+    names.dedup();
+    let column = |name: &str| {
+        let title = format!("{prefix}{name}");
+        let name = name.to_owned();
+        TrialColumn::new(title, Kind::Number, move |trial| of(trial).get(&name).map(TrialCell::Number))
+    };
+    names.into_iter().map(column).collect()
 }
 
 /// The columns of every study. Where one metric is maximised and nothing else counts, its `value` stands in
@@ -152,6 +159,7 @@ pub(super) enum Role {
     Configuration(String),
     Indicator(String),
     Measurement(String),
+    StandardError(String),
     Outcome,
     Reason,
     LowerBound,
@@ -168,7 +176,8 @@ impl Role {
         let named = after(CONFIGURATION)
             .map(Self::Configuration)
             .or_else(|| after(INDICATOR).map(Self::Indicator))
-            .or_else(|| after(MEASUREMENT).map(Self::Measurement));
+            .or_else(|| after(MEASUREMENT).map(Self::Measurement))
+            .or_else(|| after(STANDARD_ERROR).map(Self::StandardError));
         named.or(match title {
             "outcome" => Some(Self::Outcome),
             "reason" => Some(Self::Reason),
@@ -188,6 +197,7 @@ pub(super) struct Row {
     configuration: Configuration,
     indicators: BTreeMap<String, f64>,
     measurements: BTreeMap<String, f64>,
+    standard_errors: BTreeMap<String, f64>,
     outcome: Option<String>,
     reason: String,
     lower_bound: Option<f64>,
@@ -208,6 +218,9 @@ impl Row {
             }
             Role::Measurement(name) => {
                 self.measurements.insert(name.clone(), number(&value)?);
+            }
+            Role::StandardError(name) => {
+                self.standard_errors.insert(name.clone(), number(&value)?);
             }
             Role::Outcome => self.outcome = Some(value.to_string()),
             Role::Reason => self.reason = value.to_string(),
@@ -242,6 +255,7 @@ impl Row {
             indicators: self.indicators,
             configuration: self.configuration,
             measurements: self.measurements,
+            standard_errors: self.standard_errors,
             outcome,
             cost: None,
             fingerprint: self.fingerprint,

@@ -226,7 +226,10 @@ pub(crate) fn trial(trial: &TrialRecord, view: &CostView) -> String {
         line(&mut text, &format!("indicators {indicators}"));
     }
     if let Some(ended) = &trial.outcome {
-        let measured = trial.measurements.iter().map(|(name, value)| format!("{name}={}", figure(value)));
+        let error = |name: &str| trial.standard_errors.get(name).map(|error| format!("±{}", figure(error)));
+        let measured = trial.measurements.iter();
+        let measured = measured
+            .map(|(name, value)| format!("{name}={}{}", figure(value), error(name).unwrap_or_default()));
         line(&mut text, &format!("{} {}", outcome(ended, view), pairs(measured.collect())));
     }
     if let Some(cost) = trial.cost {

@@ -6,7 +6,7 @@ use treewright_proto::convert::{
 use treewright_proto::v1;
 
 use super::{Problem, insight, time_from_wire, usable_configuration, word};
-use crate::{Best, Indicators, Measurements, Neighbour, OpenEnum, Outcome, Prediction, Reason, TrialRecord};
+use crate::{Best, Indicators, Neighbour, OpenEnum, Outcome, Prediction, Reason, TrialRecord};
 
 pub(crate) fn trial_from_wire(trial: v1::Trial) -> Result<TrialRecord, Problem> {
     if trial.name.is_empty() {
@@ -24,7 +24,8 @@ pub(crate) fn trial_from_wire(trial: v1::Trial) -> Result<TrialRecord, Problem> 
         reason: reason_from_wire(trial.reason),
         lease_expire_time: time_from_wire(trial.lease_expire_time),
         state: word(trial.state),
-        measurements: Measurements(trial.measurements),
+        measurements: trial.measurements.into_iter().collect(),
+        standard_errors: trial.standard_errors.into_iter().collect(),
         cost: trial.cost,
         outcome: trial.outcome.map(open_outcome),
         late: trial.late,

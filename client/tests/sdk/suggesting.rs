@@ -19,7 +19,7 @@ async fn the_daemon_answers_and_gets_the_result() {
     assert_eq!(suggestion.trial(), Some("studies/scene/trials/1"));
     assert_eq!(suggestion.configuration().integer("max_depth").unwrap(), 32);
     assert!(suggestion.problem().is_none());
-    suggestion.report(measured(12.5), Outcome::Ok).unwrap();
+    suggestion.report(measured(12.5).with_standard_error("render_ms", 0.5), Outcome::Ok).unwrap();
     // The next question waits for the report, or it would be answered with the same trial.
     let suggestion = study.suggest(&state(3)).await;
     assert_eq!(suggestion.trial(), Some("studies/scene/trials/2"));
@@ -31,6 +31,7 @@ async fn the_daemon_answers_and_gets_the_result() {
     assert_eq!((stats.suggestions, stats.fallbacks, stats.acknowledged, stats.queued), (2, 0, 2, 0));
     let book = fake.book();
     assert_eq!(book.trials[0].measurements["render_ms"].to_bits(), 12.5f64.to_bits());
+    assert_eq!(book.trials[0].standard_errors["render_ms"], 0.5);
     assert_eq!(book.trials[0].fingerprint.as_ref().map(|f| f.threads > 0), Some(true));
 }
 

@@ -151,6 +151,7 @@ impl Book {
                 let costs = ["render_ms", "front_cost"];
                 trial.cost = costs.iter().find_map(|metric| request.measurements.get(*metric).copied());
                 trial.measurements = request.measurements;
+                trial.standard_errors = request.standard_errors;
                 trial.outcome = request.outcome;
                 self.stored_reports.push(request.trial);
                 false

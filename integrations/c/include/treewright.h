@@ -347,6 +347,9 @@ const char *tw_suggestion_fidelity(const tw_suggestion *suggestion);
  * parameters of tw_spec_setup. False for NULL, and always where a process runs trials of the study side by side. */
 bool tw_suggestion_is_prepared(const tw_suggestion *suggestion);
 
+/* The standard errors of measurements that are estimates, before they are reported or finished: poor ones count for less. */
+bool tw_suggestion_standard_errors(tw_suggestion *suggestion, const tw_number *errors, size_t count, tw_error **error);
+
 /* Each CONSUMES the suggestion and returns at once; the result is sent in the background. Fails: TW_INVALID, e.g. for a
  * measurement that is not finite; the trial is then given back. */
 bool tw_suggestion_report(tw_suggestion *suggestion, const tw_number *measurements, size_t count, tw_error **error);

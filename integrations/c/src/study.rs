@@ -6,7 +6,7 @@ use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
 use treewright_client::{ConfirmationStage, Finished, Outcome, blocking};
 
 use crate::configuration::{Configuration, from_json};
-use crate::edge::{Array, ErrorOut, Number, Text, free, guard, indicators, measurements, need, store};
+use crate::edge::{Array, ErrorOut, Number, Text, free, guard, indicators, need, store};
 use crate::error::Failure;
 use crate::suggestion::Suggestion;
 
@@ -228,8 +228,9 @@ pub(crate) extern "C" fn tw_tuner_finish(
 ) -> bool {
     let body = || {
         let tuner = need(tuner, "tuner")?;
-        let finished =
-            need(suggestion, "suggestion")?.inner.finished(measurements(numbers, count)?, Outcome::Ok)?;
+        let suggestion = need(suggestion, "suggestion")?;
+        let measured = suggestion.measured(numbers, count)?;
+        let finished = suggestion.inner.finished(measured, Outcome::Ok)?;
         // One that was not sent yet goes into the outbox here.
         drop(tuner.frames().previous.replace(finished));
         Ok(())

@@ -2,7 +2,7 @@
 
 use std::ffi::{CString, c_char};
 
-use treewright_client::{Outcome, Source};
+use treewright_client::{Measurements, Outcome, Source};
 
 use crate::configuration::Configuration;
 use crate::edge::{Array, ErrorOut, Number, Text, free, guard, measurements, need};
@@ -17,6 +17,8 @@ pub(crate) struct Suggestion {
     reason: CString,
     problem: Option<CString>,
     fidelity: Option<CString>,
+    /// The standard errors of measurements to come.
+    errors: Measurements,
 }
 
 impl Suggestion {
@@ -27,8 +29,17 @@ impl Suggestion {
             reason: c_text(&inner.reason().summary),
             problem: inner.problem().map(|problem| c_text(&problem.to_string())),
             fidelity: inner.fidelity().map(c_text),
+            errors: Measurements::new(),
             inner,
         }
+    }
+
+    /// Numbers with the standard errors that were named before.
+    pub(crate) fn measured(&self, numbers: Array<Number>, count: usize) -> Result<Measurements, Failure> {
+        let measured = measurements(numbers, count)?;
+        // Without measurements it ends otherwise.
+        let errors = self.errors.iter().filter(|_| count > 0);
+        Ok(errors.fold(measured, |all, (name, error)| all.with_standard_error(name, error)))
     }
 }
 
@@ -93,7 +104,22 @@ fn end(
 ) -> bool {
     let body = || {
         let suggestion = need(suggestion, "suggestion")?;
-        Ok(suggestion.inner.report(measurements(numbers.0, numbers.1)?, outcome()?)?)
+        let measured = suggestion.measured(numbers.0, numbers.1)?;
+        Ok(suggestion.inner.report(measured, outcome()?)?)
+    };
+    guard(error, body).is_some()
+}
+
+#[unsafe(no_mangle)]
+pub(crate) extern "C" fn tw_suggestion_standard_errors(
+    suggestion: Option<&mut Suggestion>,
+    errors: Array<Number>,
+    count: usize,
+    error: ErrorOut,
+) -> bool {
+    let body = || {
+        need(suggestion, "suggestion")?.errors = measurements(errors, count)?;
+        Ok(())
     };
     guard(error, body).is_some()
 }

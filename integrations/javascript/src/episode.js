@@ -26,6 +26,8 @@ export class Episode {
   #planned;
   #costs = [];
   #sums;
+  /** The sums of squares of standard errors. */
+  #squares = {};
   #renewAfterMs;
   #renewed = Date.now();
 
@@ -60,9 +62,14 @@ export class Episode {
   }
 
   /** Takes a frame; one beyond a limit has no cost. Returns the trial's result, once that is known. */
-  push(measurements, cost) {
+  push(measurements, cost, standardErrors) {
     // It makes the trial infeasible, whatever the others are.
-    if (cost === undefined) return { measurements, outcome: { ok: {} } };
+    if (cost === undefined) return { measurements, standardErrors, outcome: { ok: {} } };
+    for (const [name, error] of Object.entries(standardErrors)) {
+      // A reciprocal errs by the same share.
+      const own = this.#isMaximised(name) ? error / measurements[name] / measurements[name] : error;
+      this.#squares[name] = (this.#squares[name] ?? 0) + own * own;
+    }
     const summand = (name, value) => (this.#isMaximised(name) ? 1 / value : value);
     this.#sums ??= Object.fromEntries(Object.keys(measurements).map((name) => [name, 0]));
     for (const name of Object.keys(this.#sums)) {
@@ -70,9 +77,19 @@ export class Episode {
       else delete this.#sums[name];
     }
     this.#costs.push(cost);
-    if (this.#costs.length === this.#planned) return { measurements: this.#means(), outcome: { ok: {} } };
+    if (this.#costs.length === this.#planned) {
+      const means = this.#means();
+      return { measurements: means, standardErrors: this.#errors(means), outcome: { ok: {} } };
+    }
     const lowerBound = this.bound(0);
     return lowerBound > (this.#cap ?? Infinity) ? { measurements: {}, outcome: { aborted: { lowerBound } } } : undefined;
+  }
+
+  /** Of the means; those of frames are independent. */
+  #errors(means) {
+    const known = Object.entries(this.#squares).filter(([name]) => Object.hasOwn(this.#sums, name));
+    const share = (name) => (this.#isMaximised(name) ? means[name] / this.#sums[name] : 1 / this.#planned);
+    return Object.fromEntries(known.map(([name, square]) => [name, Math.sqrt(square) * share(name)]));
   }
 
   #isMaximised(name) {

@@ -210,7 +210,8 @@ export class Suggestion {
    */
   extendLease(): Promise<void>;
   /** Each returns at once; the result is sent in the background, again until it is acknowledged. */
-  report(measurements: Numbers): void;
+  /** Standard errors are those of measurements that are estimates: poor ones count for less. */
+  report(measurements: Numbers, standardErrors?: Numbers): void;
   aborted(lowerBound: number): void;
   infeasible(reason: string): void;
   failed(reason: string): void;
@@ -225,7 +226,7 @@ export class Suggestion {
 export class Tuner {
   next(indicators?: Numbers): Promise<Suggestion>;
   /** The frame's result. */
-  finish(suggestion: Suggestion, measurements: Numbers): void;
+  finish(suggestion: Suggestion, measurements: Numbers, standardErrors?: Numbers): void;
 }
 
 /** A front and its planned runs. */

@@ -406,7 +406,7 @@ export class Suggestion {
     return true;
   }
 
-  #end(measurements, outcome) {
+  #end(measurements, outcome, standardErrors = {}) {
     if (!this.#open) throw new TreewrightError("invalid", "this trial is reported or given back already");
     this.#checkValues(measurements);
     this.#open = false;
@@ -420,7 +420,7 @@ export class Suggestion {
     }
     const { trial } = this;
     forgotten.unregister(this);
-    client.outbox.put(this.#worker.name, "report", () => client.call("report", { trial, measurements, outcome }));
+    client.outbox.put(this.#worker.name, "report", () => client.call("report", { trial, measurements, outcome, standardErrors }));
     this.#worker.release();
   }
 
@@ -430,17 +430,18 @@ export class Suggestion {
   }
 
   /** For a frame loop: takes the frame's result, and ends the trial with its last frame. Returns whether there are more. */
-  frame(measurements) {
+  frame(measurements, standardErrors = {}) {
     const cost = this.#open ? this.#check(measurements) : undefined;
-    const whole = { measurements, outcome: { ok: {} } };
-    const result = this.#open && this.#episode ? this.#episode.push(measurements, cost) : whole;
-    if (result) this.#end(result.measurements, result.outcome);
+    if (this.#open) this.#checkErrors(measurements, standardErrors);
+    const whole = { measurements, standardErrors, outcome: { ok: {} } };
+    const result = this.#open && this.#episode ? this.#episode.push(measurements, cost, standardErrors) : whole;
+    if (result) this.#end(result.measurements, result.outcome, result.standardErrors);
     else this.isPrepared = true;
     return result === undefined;
   }
 
-  report(measurements) {
-    if (this.frame(measurements)) this.#refuse("its trial has more frames; hand what was measured to the tuner's finish");
+  report(measurements, standardErrors) {
+    if (this.frame(measurements, standardErrors)) this.#refuse("its trial has more frames; hand what was measured to the tuner's finish");
   }
 
   #refuse(problem) {
@@ -452,6 +453,13 @@ export class Suggestion {
     for (const [name, value] of Object.entries(measurements)) {
       if (Number.isFinite(value) && value >= 0) continue;
       this.#refuse(`measurement ${name} is ${value}; it must be finite and not negative`);
+    }
+  }
+
+  #checkErrors(measurements, errors) {
+    for (const [name, error] of Object.entries(errors)) {
+      if (Object.hasOwn(measurements, name) && Number.isFinite(error) && error >= 0) continue;
+      this.#refuse(`standard error of ${name} is ${error}; it must be finite, not negative, and of a measurement of the report`);
     }
   }
 
@@ -524,7 +532,7 @@ export class Tuner {
     return suggestion;
   }
 
-  finish(suggestion, measurements) {
-    if (suggestion.frame(measurements)) this.#kept = suggestion;
+  finish(suggestion, measurements, standardErrors) {
+    if (suggestion.frame(measurements, standardErrors)) this.#kept = suggestion;
   }
 }

@@ -42,8 +42,11 @@ pub(crate) fn indicators(numbers: Option<Numbers>) -> Indicators {
     numbers.unwrap_or_default().0.into_iter().collect()
 }
 
-pub(crate) fn measurements(numbers: Numbers) -> Measurements {
-    numbers.0.into_iter().collect()
+/// Measurements, and the standard errors of some of them.
+pub(crate) fn measurements(numbers: Numbers, errors: Option<Numbers>) -> Measurements {
+    let errors = errors.unwrap_or_default().0.into_iter();
+    let measured: Measurements = numbers.0.into_iter().collect();
+    errors.fold(measured, |all, (name, error)| all.with_standard_error(name, error))
 }
 
 /// A Python value as one of a parameter. A `bool` is an `int` to Python, so it is asked for first.

@@ -145,17 +145,17 @@ impl FrontTrial {
     ) -> PyResult<()> {
         let mut all = measurements.unwrap_or_default();
         all.0.extend(named.unwrap_or_default().0);
-        self.end(python, crate::convert::measurements(all), &Outcome::Ok)
+        self.end(python, crate::convert::measurements(all, None), &Outcome::Ok)
     }
 
     /// The configuration cannot work.
     fn infeasible(&self, python: Python<'_>, reason: String) -> PyResult<()> {
-        self.end(python, measurements(Numbers::default()), &Outcome::infeasible(reason))
+        self.end(python, measurements(Numbers::default(), None), &Outcome::infeasible(reason))
     }
 
     /// It failed for a reason that says nothing about the configuration.
     fn failed(&self, python: Python<'_>, reason: String) -> PyResult<()> {
-        self.end(python, measurements(Numbers::default()), &Outcome::failed(reason))
+        self.end(python, measurements(Numbers::default(), None), &Outcome::failed(reason))
     }
 
     /// Gives the run back unmeasured. Where that fails, its lease runs out.

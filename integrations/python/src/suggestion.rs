@@ -68,7 +68,7 @@ impl Suggestion {
     }
 
     fn end(&self, numbers: Numbers, outcome: Outcome) -> PyResult<()> {
-        self.take()?.report(measurements(numbers), outcome).map_err(raised)
+        self.take()?.report(measurements(numbers, None), outcome).map_err(raised)
     }
 }
 
@@ -145,11 +145,18 @@ impl Suggestion {
     }
 
     /// Ends the trial with what was measured; returns at once, and the report is sent in the background.
-    #[pyo3(signature = (measurements=None, /, **named))]
-    fn report(&self, measurements: Option<Numbers>, named: Option<Numbers>) -> PyResult<()> {
+    /// Standard errors are those of measurements that are estimates, by name: poor ones count for less.
+    #[pyo3(signature = (measurements=None, /, *, standard_errors=None, **named))]
+    fn report(
+        &self,
+        measurements: Option<Numbers>,
+        standard_errors: Option<Numbers>,
+        named: Option<Numbers>,
+    ) -> PyResult<()> {
         let mut all = measurements.unwrap_or_default();
         all.0.extend(named.unwrap_or_default().0);
-        self.end(all, Outcome::Ok)
+        let measured = crate::convert::measurements(all, standard_errors);
+        self.take()?.report(measured, Outcome::Ok).map_err(raised)
     }
 
     /// It was stopped early: the objective is at least this.
@@ -229,18 +236,19 @@ impl Tuner {
     }
 
     /// Keeps the frame's result for the next question.
-    #[pyo3(signature = (suggestion, measurements=None, /, **named))]
+    #[pyo3(signature = (suggestion, measurements=None, /, *, standard_errors=None, **named))]
     fn finish(
         &self,
         python: Python<'_>,
         suggestion: &Suggestion,
         measurements: Option<Numbers>,
+        standard_errors: Option<Numbers>,
         named: Option<Numbers>,
     ) -> PyResult<()> {
         let mut all = measurements.unwrap_or_default();
         all.0.extend(named.unwrap_or_default().0);
-        let finished =
-            suggestion.take()?.finished(crate::convert::measurements(all), Outcome::Ok).map_err(raised)?;
+        let measured = crate::convert::measurements(all, standard_errors);
+        let finished = suggestion.take()?.finished(measured, Outcome::Ok).map_err(raised)?;
         // The lock may be held by a call that waits and needs no interpreter.
         drop(python.detach(|| lock(&self.0).1.replace(finished)));
         Ok(())

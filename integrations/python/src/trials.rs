@@ -44,6 +44,7 @@ fn row<'py>(python: Python<'py>, record: &TrialRecord) -> PyResult<Bound<'py, Py
     row.set_item("configuration", shown(python, &record.configuration)?)?;
     row.set_item("indicators", record.indicators.iter().collect::<BTreeMap<_, _>>())?;
     row.set_item("measurements", record.measurements.iter().collect::<BTreeMap<_, _>>())?;
+    row.set_item("standard_errors", record.standard_errors.iter().collect::<BTreeMap<_, _>>())?;
     Ok(row)
 }
 

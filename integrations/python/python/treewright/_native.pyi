@@ -259,8 +259,11 @@ class Suggestion:
     def is_open(self) -> bool:
         """Whether it is neither reported nor given back."""
     def __getitem__(self, name: str) -> Value: ...
-    def report(self, measurements: Optional[Numbers] = None, /, **named: float) -> None:
-        """Ends the trial; returns at once, and the report is sent in the background."""
+    def report(
+        self, measurements: Optional[Numbers] = None, /, *, standard_errors: Optional[Numbers] = None, **named: float
+    ) -> None:
+        """Ends the trial; returns at once, and the report is sent in the background. ``standard_errors`` are those of measurements that
+        are estimates, by name: poor ones count for less."""
     def aborted(self, lower_bound: float) -> None: ...
     def infeasible(self, reason: str) -> None: ...
     def failed(self, reason: str) -> None: ...
@@ -321,4 +324,12 @@ class Tuner:
     trial for so many frames, at once, and reports their means; in another state it gives an unfinished one back."""
 
     def next(self, indicators: Optional[Numbers] = None) -> Suggestion: ...
-    def finish(self, suggestion: Suggestion, measurements: Optional[Numbers] = None, /, **named: float) -> None: ...
+    def finish(
+        self,
+        suggestion: Suggestion,
+        measurements: Optional[Numbers] = None,
+        /,
+        *,
+        standard_errors: Optional[Numbers] = None,
+        **named: float,
+    ) -> None: ...

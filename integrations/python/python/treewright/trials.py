@@ -9,11 +9,13 @@ __all__ = ["Trials"]
 
 class Trials(list):  # type: ignore[type-arg]
     """Trials by number. Each is a dictionary: number, client_id, state_id, mode, state, outcome, cost, late, exclusion (the reason, for one from
-    which nothing is learnt), create_time and complete_time (seconds since 1970), configuration, indicators, measurements."""
+    which nothing is learnt), create_time and complete_time (seconds since 1970), configuration, indicators, measurements, and their
+    standard_errors where the reports gave some."""
 
     def rows(self) -> "list[dict[str, Any]]":
-        """One flat dictionary a trial: parameters are called config.NAME, the others indicator.NAME and measurement.NAME."""
-        groups = {"configuration": "config", "indicators": "indicator", "measurements": "measurement"}
+        """One flat dictionary a trial: parameters are called config.NAME, the others indicator.NAME, measurement.NAME and
+        standard_error.NAME."""
+        groups = {"configuration": "config", "indicators": "indicator", "measurements": "measurement", "standard_errors": "standard_error"}
         flat = []
         for trial in self:
             row = {name: value for name, value in trial.items() if name not in groups}

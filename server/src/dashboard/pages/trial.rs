@@ -81,6 +81,7 @@ pub(in super::super) async fn trial(
         tables: vec![
             ("Indicators", sorted(trial.indicators.clone().into_iter().collect())),
             ("Measurements", sorted(trial.measurements.clone().into_iter().collect())),
+            ("Standard errors", sorted(trial.standard_errors.clone().into_iter().collect())),
         ],
         head,
         row,
