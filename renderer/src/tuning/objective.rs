@@ -16,6 +16,9 @@ pub const RENDER_MS: &str = "render_ms";
 /// Name of the time to an error, in milliseconds: see [`Objective::Error`].
 pub const ERROR_MS: &str = "error_ms";
 
+/// Name of the picture's mean relative variance, from which the time to an error follows.
+pub const RELATIVE_VARIANCE: &str = "relative_variance";
+
 /// Name of how many times as long frames took in the second half of an episode as in its first.
 pub const TREND: &str = "trend";
 

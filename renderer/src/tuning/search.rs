@@ -16,8 +16,8 @@ use treewright_client::{
 };
 
 use super::objective::{
-    BUILD_CPU_MS, BUILD_DELAY_MS, BUILD_MS, ERROR_MS, FRAME_MS, Objective, RENDER_CPU_MS, RENDER_DELAY_MS,
-    RENDER_MS, STRUCTURE_BYTES, TREND, TRIALS_BEFORE, UNDELAYED_MS,
+    BUILD_CPU_MS, BUILD_DELAY_MS, BUILD_MS, ERROR_MS, FRAME_MS, Objective, RELATIVE_VARIANCE, RENDER_CPU_MS,
+    RENDER_DELAY_MS, RENDER_MS, STRUCTURE_BYTES, TREND, TRIALS_BEFORE, UNDELAYED_MS,
 };
 use super::patience::NextTrial;
 use crate::disturbance::{Disturbance, Watch};
@@ -381,7 +381,8 @@ fn frames_beside(build_ms: f64, frame_ms: f64) -> usize {
     (frames as usize).min(FRAMES_PER_SLOW_BUILD_MAX)
 }
 
-/// The raw measurements of a trial of `frames` frames, as they are reported for an objective.
+/// The raw measurements of a trial of `frames` frames, as they are reported for an objective. Those that rest
+/// on the picture's noise have its standard error.
 pub fn measurements(times: Option<FrameTimes>, frames: u32, objective: Objective) -> Measurements {
     match times {
         Some(times) => {
@@ -405,17 +406,19 @@ pub fn measurements(times: Option<FrameTimes>, frames: u32, objective: Objective
             ];
             let reused = times.trials_before.map(|trials| (TRIALS_BEFORE, f64::from(trials)));
             let noise = times.noise.into_iter().flat_map(|noise| {
-                [
-                    (ERROR_MS, objective.cost(times)),
-                    ("relative_variance", noise.relative_variance),
-                    ("relative_variance_error", noise.standard_error),
-                ]
+                [(ERROR_MS, objective.cost(times)), (RELATIVE_VARIANCE, noise.relative_variance)]
             });
             let trend = times.trend.map(|trend| (TREND, trend));
             let bytes = times.structure_bytes.map(|bytes| (STRUCTURE_BYTES, bytes as f64));
             let shared = matches!(objective, Objective::Auto(_)).then(|| (FRAME_MS, objective.cost(times)));
             let some = [reused, trend, bytes, shared].into_iter().flatten();
-            always.into_iter().chain(known).chain(some).chain(noise).collect()
+            let measured: Measurements = always.into_iter().chain(known).chain(some).chain(noise).collect();
+            let noise = times.noise.filter(|noise| noise.relative_variance > 0.0);
+            noise.into_iter().fold(measured, |measured, noise| {
+                let error_ms = objective.cost(times) * noise.standard_error / noise.relative_variance;
+                let measured = measured.with_standard_error(RELATIVE_VARIANCE, noise.standard_error);
+                measured.with_standard_error(ERROR_MS, error_ms)
+            })
         }
         None => Measurements::new(),
     }
@@ -538,6 +541,23 @@ mod tests {
         assert_eq!(frames(Objective::Render, times), Some(3.0));
         assert_eq!(frames(Objective::Motion, FrameTimes { frames: Some(24), ..times }), Some(24.0));
         assert_eq!(frames(Objective::Error, times), Some(8.0), "two halves of four samples");
+    }
+
+    #[test]
+    fn the_time_to_an_error_has_the_standard_error_of_the_variance() {
+        let noise = FrameNoise {
+            relative_variance: 0.5,
+            standard_error: 0.125,
+            samples_to_error: 400.0,
+            brightness: 1.0,
+        };
+        let times = FrameTimes { noise: Some(noise), ..FrameTimes::of(0.0, 2.0) };
+        let measured = measurements(Some(times), 1, Objective::Error);
+        assert_eq!(measured.get("error_ms"), Some(800.0));
+        let named = measured.clone().with_standard_error("error_ms", 200.0);
+        assert_eq!(named.with_standard_error("relative_variance", 0.125), measured);
+        let without = measurements(Some(FrameTimes::of(0.0, 2.0)), 1, Objective::Render);
+        assert_ne!(without.clone().with_standard_error("render_ms", 1.0), without);
     }
 
     #[test]
