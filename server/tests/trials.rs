@@ -54,6 +54,25 @@ async fn a_repeated_suggestion_is_the_same_trial_with_a_fresh_lease() {
 }
 
 #[tokio::test]
+async fn standard_errors_are_checked_and_stored() {
+    let (_server, mut client) = Server::with_hall().await;
+    let trial = suggest(&mut client, "a", 10.0).await.name;
+    let estimated = |name: &str, error: f64| wire::ReportRequest {
+        standard_errors: BTreeMap::from([(name.to_owned(), error)]),
+        ..report(&trial, 12.5)
+    };
+    for (name, error, words) in
+        [("render_ms", -1.0, "not negative"), ("other_ms", 1.0, "no such measurement")]
+    {
+        assert_refused(client.report(estimated(name, error)).await, Code::InvalidArgument, words);
+    }
+    let request = estimated("render_ms", 0.5);
+    let stored = client.report(request.clone()).await.unwrap().into_inner().trial.unwrap();
+    assert_eq!(stored.standard_errors, request.standard_errors);
+    assert_eq!(get(&mut client, &trial).await, stored);
+}
+
+#[tokio::test]
 async fn every_outcome_is_taken() {
     let (_server, mut client) = Server::with_hall().await;
     let reason = || "depth limit reached".to_owned();

@@ -133,6 +133,12 @@ class Suggestion {
     return level ? level : "";
   }
   bool is_prepared() const { return tw_suggestion_is_prepared(owned_.get()); }
+  // Of measurements that are estimates, before it is reported or finished: poor ones count for less.
+  void standard_errors(const Numbers &errors) {
+    detail::checked([&](tw_error **error) {
+      return tw_suggestion_standard_errors(owned_.get(), errors.data(), errors.size(), error);
+    });
+  }
   // Each of these ends it.
   void report(const Numbers &measurements) {
     end([&](tw_suggestion *it, tw_error **error) {

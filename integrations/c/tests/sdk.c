@@ -77,7 +77,7 @@ static void without_handles(void) {
   expect(error, TW_INVALID, "the client is NULL");
   CHECK(!tw_client_extend_lease(NULL, NULL, NULL) && !tw_study_front(NULL, NULL, 0, 0, NULL) && tw_front_json(NULL)[0]);
   CHECK(!tw_study_suggest(NULL, NULL, 0, NULL));
-  CHECK(!tw_suggestion_report(NULL, NULL, 0, NULL));
+  CHECK(!tw_suggestion_report(NULL, NULL, 0, NULL) && !tw_suggestion_standard_errors(NULL, NULL, 0, NULL));
   CHECK(tw_suggestion_configuration(NULL) == NULL && !tw_suggestion_is_prepared(NULL) && tw_error_code(NULL) == TW_OK);
   CHECK(tw_suggestion_trial(NULL)[0] == 0 && tw_client_count(NULL, TW_COUNT_SENT) == 0);
   CHECK(!tw_front_runs_suggest(NULL, NULL) && !tw_front_run_report(NULL, NULL, 0, NULL) && tw_front_run_trial(NULL)[0] == 0);
