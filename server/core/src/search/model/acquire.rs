@@ -3,7 +3,7 @@
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
-use super::GRID;
+use super::held::HeldAxis;
 use crate::gp::acquisition::{log_expected_improvement, probability_below};
 use crate::gp::local_search::{AxisSweeps, Leaders, Neighbourhood, Radii, ScoredPoint, best, climb};
 use crate::gp::{Covariances, Posterior, Process};
@@ -88,11 +88,11 @@ impl Acquisition<'_> {
         })
     }
 
-    /// The best point to measure that is not `taken`, with axes `held` at coordinates where there is one.
+    /// The best point to measure that is not `taken`, with the axes that are `held` where there is one.
     pub(super) fn best(
         &self,
         known: &[EstimatedPoint],
-        held: &[(usize, f64)],
+        held: &[HeldAxis],
         random: &mut ChaCha8Rng,
         taken: impl Fn(&[f64]) -> bool,
     ) -> Option<Vec<f64>> {
@@ -103,7 +103,7 @@ impl Acquisition<'_> {
     fn best_at(
         &self,
         known: &[EstimatedPoint],
-        held: &[(usize, f64)],
+        held: &[HeldAxis],
         random: &mut ChaCha8Rng,
         taken: impl Fn(&[f64]) -> bool,
     ) -> Option<Vec<f64>> {
@@ -114,10 +114,10 @@ impl Acquisition<'_> {
         let least = if least.is_finite() { least } else { 0.0 };
         let dimension = self.dimension;
         let judge = |mut x: Vec<f64>, floor: f64| {
-            held.iter().for_each(|&(axis, at)| x[axis] = at);
+            held.iter().for_each(|one| x[one.axis] = one.at);
             let active = self.layout.canonical(&mut x);
-            // A constraint or a condition may have moved what is held.
-            let holds = held.iter().all(|&(axis, at)| (x[axis] - at).abs() < 1.0 / GRID);
+            // A constraint or a condition may have moved what is held, or switched it.
+            let holds = held.iter().all(|one| one.is_kept(&x, &active));
             let score = if holds { self.value(&x, &active, least, floor) } else { f64::NEG_INFINITY };
             ScoredPoint { x, score, detail: () }
         };

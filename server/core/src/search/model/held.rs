@@ -1,28 +1,53 @@
 //! Set-ups that are kept. Where changes of some parameters need a build and those of others only a run,
 //! points that keep the build cost little: after each new one some are chosen along the other axes alone.
 
-use super::{MeasuredPoint, ModelSearch, Observed, coordinates};
+use super::{GRID, MeasuredPoint, ModelSearch, Observed, coordinates};
+
+/// An axis that the next point keeps.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct HeldAxis {
+    pub(super) axis: usize,
+    /// Its canonical coordinate.
+    pub(super) at: f64,
+    is_active: bool,
+}
+
+impl HeldAxis {
+    /// Whether a canonical point has kept it.
+    pub(super) fn is_kept(&self, x: &[f64], active: &[bool]) -> bool {
+        (x[self.axis] - self.at).abs() < 1.0 / GRID && active[self.axis] == self.is_active
+    }
+}
 
 impl ModelSearch {
-    /// The axes that the next point keeps, with their coordinates: those of the last new configuration, if it
-    /// ran, until `setup_held` more have had them. None while another client runs a point: each has a set-up
-    /// of its own, and which of them asks next is not known.
-    pub(super) fn held(&self) -> Vec<(usize, f64)> {
+    /// The axes that the next point keeps: those of the last new configuration, if it ran here, until
+    /// `setup_held` more have had them. None while another client runs a point: each has a set-up of its own,
+    /// and which of them asks next is not known. None after points at cheaper levels, of which there may be
+    /// many.
+    pub(super) fn held(&self) -> Vec<HeldAxis> {
+        let is_alone = self.pending.is_empty() && !self.last_is_heard && self.cheaper.spent <= 0.0;
         let ran = self.seen.last().filter(|last| matches!(last.observed, Observed::Cost { .. }));
-        let Some(last) = ran.filter(|_| self.pending.is_empty()) else { return Vec::new() };
-        let axes = &self.setup.layout.setup;
-        let keeps = |seen: &&MeasuredPoint| axes.iter().all(|&axis| seen.x[axis] == last.x[axis]);
-        if self.seen.iter().rev().take_while(keeps).count() > self.setup.setup_held {
+        let Some(last) = ran.filter(|_| is_alone && !self.setup.layout.setup.is_empty()) else {
             return Vec::new();
-        }
-        let x = coordinates(&last.x);
-        axes.iter().map(|&axis| (axis, x[axis])).collect()
+        };
+        let held = self.set_up(last);
+        let keeps = |seen: &&MeasuredPoint| self.set_up(seen) == held;
+        let is_over = self.seen.iter().rev().take_while(keeps).count() > self.setup.setup_held;
+        if is_over { Vec::new() } else { held }
+    }
+
+    fn set_up(&self, seen: &MeasuredPoint) -> Vec<HeldAxis> {
+        let (layout, x) = (&self.setup.layout, coordinates(&seen.x));
+        let active = layout.active(&x);
+        let held = |&axis: &usize| HeldAxis { axis, at: x[axis], is_active: active[axis] };
+        layout.setup.iter().map(held).collect()
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::configuration::RawConfiguration;
     use crate::search::{Feedback, Point, Search, SearchSetup, Step, Verdict};
     use crate::space::Space;
 
@@ -51,7 +76,7 @@ mod tests {
             let point = search.ask().expect("nothing is out");
             match (point.step, held.is_empty()) {
                 (Step::Model, false) => {
-                    assert!(held.iter().all(|&(axis, at)| (point.x[axis] - at).abs() < 1e-6), "{point:?}");
+                    assert!(held.iter().all(|one| (point.x[one.axis] - one.at).abs() < 1e-6), "{point:?}");
                     kept += 1;
                 }
                 (Step::Model | Step::Local, true) => free += 1,
@@ -89,5 +114,56 @@ mod tests {
         assert!(search.held().is_empty(), "another client is at work");
         search.tell(point.id, Feedback { verdict: Verdict::Infeasible, fresh: true });
         assert!(search.held().is_empty(), "it could not be set up");
+    }
+
+    #[test]
+    fn what_was_measured_elsewhere_is_not_held() {
+        let (_, mut search) = search(2);
+        let point = search.ask().expect("nothing is out");
+        tell(&mut search, &point);
+        assert!(!search.held().is_empty(), "the default was set up");
+        search.hear(vec![0.9; 4], Verdict::Cost(9.0));
+        let text = serde_json::to_string(&search).expect("plain data");
+        assert!(search.held().is_empty() && text.contains("last_is_heard"), "nothing was set up for it here");
+    }
+
+    #[test]
+    fn points_at_cheaper_levels_hold_nothing() {
+        let (_, mut search) = search(2);
+        let point = search.ask().expect("nothing is out");
+        tell(&mut search, &point);
+        search.open_levels(&[0.1]);
+        let cheap = search.ask().expect("nothing is out");
+        assert_eq!(cheap.level, Some(0));
+        search.tell_cheaper(cheap.id, Some(Verdict::Cost(0.1)));
+        assert!(search.held().is_empty(), "ten of them may come before the next in full");
+    }
+
+    #[test]
+    fn a_condition_that_switches_a_parameter_is_another_set_up() {
+        let space = Space::builder().boolean("tiled").default(false).integer("tile", 1..=9).default(5);
+        let space = space.active_if("tiled", [true]).setup().integer("threads", 1..=64).default(8);
+        let space = space.build().expect("a space");
+        let setup = SearchSetup { setup_held: 1, ..SearchSetup::of(&space, 3, 1, TRIALS as u32) };
+        let mut search = ModelSearch::new(setup);
+        let point = search.ask().expect("nothing is out");
+        tell(&mut search, &point);
+        let mut tiled = search.clone();
+        let mut x = tiled.setup.start.clone();
+        x[0] = 0.75;
+        let (x, observed) = (tiled.grid(&x).0, Observed::Cost { mean: 1.0, count: 1 });
+        tiled.seen.push(MeasuredPoint { x, observed });
+        assert!(!tiled.held().is_empty(), "the tile's default is new where it counts");
+        let mut last = RawConfiguration::new();
+        for _ in 0..TRIALS {
+            let held = !search.held().is_empty();
+            let point = search.ask().expect("nothing is out");
+            let needs = space.setup_part(space.decode(&point.x).values());
+            assert!(!held || point.step != Step::Model || needs == last, "{needs:?} after {last:?}");
+            if search.seen.iter().all(|seen| seen.x != search.grid(&point.x).0) {
+                last = needs;
+            }
+            tell(&mut search, &point);
+        }
     }
 }

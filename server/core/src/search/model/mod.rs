@@ -132,6 +132,9 @@ pub struct ModelSearch {
     #[serde(default)]
     queue_of_steps: bool,
     seen: Vec<MeasuredPoint>,
+    /// Whether the last of these was measured elsewhere; only in a space with set-ups.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    last_is_heard: bool,
     cost: Hyperparameters,
     failure: Hyperparameters,
     /// The hyperparameters of the model with a trend, once it was fitted.
@@ -181,6 +184,7 @@ impl ModelSearch {
             default_is_due: false,
             queue_of_steps: false,
             seen: Vec::new(),
+            last_is_heard: false,
             cost: Hyperparameters::new(&kinds, &PRIOR),
             failure: Hyperparameters::new(&kinds, &PRIOR),
             trended: None,
@@ -438,7 +442,10 @@ impl Search for ModelSearch {
             Verdict::Infeasible => Observed::Infeasible,
         };
         match known.map(|index| &mut self.seen[index].observed) {
-            None => self.seen.push(MeasuredPoint { x, observed, lacks: 0.0 }),
+            None => {
+                self.seen.push(MeasuredPoint { x, observed, lacks: 0.0 });
+                self.last_is_heard = point.step == Step::Restart && !self.setup.layout.setup.is_empty();
+            }
             Some(_) if !feedback.fresh => return,
             Some(Observed::Cost { mean, count }) => {
                 if let Observed::Cost { mean: cost, .. } = observed {
