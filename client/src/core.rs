@@ -1,6 +1,7 @@
 //! The parts that all handles of one client share: channel, state of the connection, outbox, counts.
 
-use std::sync::Arc;
+use std::collections::HashMap;
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use tonic::service::interceptor::InterceptedService;
@@ -15,6 +16,7 @@ use crate::back_off::BackOff;
 use crate::circuit_breaker::{CircuitBreaker, Status};
 use crate::failover::Failover;
 use crate::outbox::{Lost, Outbox};
+use crate::prepared::SetUps;
 use crate::stats::Counters;
 use crate::workers::Workers;
 use crate::{ClientError, Credentials, Options, limits, wire};
@@ -36,6 +38,8 @@ pub(crate) struct Core {
     pub(crate) session: u64,
     /// For what is done in the background of calls that do not wait.
     pub(crate) runtime: tokio::runtime::Handle,
+    /// By study.
+    set_ups: Mutex<HashMap<Arc<str>, Arc<SetUps>>>,
     process: u32,
     channel: Failover,
     attach: Attach,
@@ -64,6 +68,7 @@ impl Core {
             workers: Arc::new(Workers::new(&options.client_id, url)),
             session,
             runtime: tokio::runtime::Handle::current(),
+            set_ups: Mutex::default(),
             process: std::process::id(),
             channel,
             attach,
@@ -74,6 +79,12 @@ impl Core {
     /// False in the child of a fork, where nothing may be said and no lock be taken in the parent's name.
     pub(crate) fn is_of_this_process(&self) -> bool {
         self.process == std::process::id()
+    }
+
+    /// What the program has set up for a study, by whichever handle.
+    pub(crate) fn set_ups(&self, study: &Arc<str>) -> Arc<SetUps> {
+        let mut all = self.set_ups.lock().unwrap_or_else(PoisonError::into_inner);
+        Arc::clone(all.entry(Arc::clone(study)).or_default())
     }
 
     fn connection(&self) -> Connection {

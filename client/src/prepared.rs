@@ -1,7 +1,8 @@
 //! What the last trial has set up, so that the next one with the same set-up need not do it again.
 //!
-//! A study's handles take it for granted that one trial runs after the other. Once two ran side by side, the
-//! program has several loops, and which of them asks is not known: from then on nothing counts as prepared.
+//! It is one for all handles of a study that a client has made, and takes it for granted that one trial runs
+//! after the other. Once two ran side by side, the program has several loops, and which of them asks is not
+//! known: from then on nothing counts as prepared.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 

@@ -27,7 +27,8 @@ impl StudyContext {
     pub(crate) fn new(core: &Arc<Core>, name: &str, spec: StudySpec) -> Self {
         let name: Arc<str> = Arc::from(name);
         let identified = Mutex::new(Arc::clone(&name));
-        let (revision, memory, set_ups) = <_>::default();
+        let (revision, memory) = <_>::default();
+        let set_ups = core.set_ups(&name);
         Self { core: Arc::clone(core), name, identified, spec, revision, memory, set_ups }
     }
 

@@ -71,6 +71,14 @@ async fn what_is_set_up_serves_the_next_trial_that_wants_the_same() {
         assert_eq!(suggestion.is_prepared(), is_prepared, "{wanted}");
         suggestion.report(measured(12.5), outcome).unwrap();
     }
+    // Another handle of the study builds something else meanwhile.
+    let other = client.study("scene", study.spec().clone()).await.unwrap();
+    for (handle, depth, is_prepared) in [(&other, 18i64, true), (&other, 19, false), (&study, 18, false)] {
+        let wanted = Configuration::new().with("max_depth", depth).with("compact", false);
+        let suggestion = handle.trial_of(&state(3), &wanted).await.unwrap();
+        assert_eq!(suggestion.is_prepared(), is_prepared, "{wanted}");
+        suggestion.report(measured(12.5), Outcome::Ok).unwrap();
+    }
 }
 
 #[tokio::test]

@@ -82,6 +82,8 @@ export class Client {
     this.service = new Service(host, security, { "grpc.max_receive_message_length": 16 << 20 });
     this.stats = { suggestions: 0, fallbacks: 0, unreported: 0, acknowledged: 0, refused: 0, dropped: 0, queued: 0 };
     this.outbox = new Outbox(this.options.queue, this.stats);
+    /** By study, for all of its handles: what the last trial has set up if it was measured to its end, whether one runs, and whether some ever ran side by side. */
+    this.setUps = {};
     const model = cpus()[0]?.model ?? "";
     this.fingerprint = { cpuModel: model, threads: availableParallelism?.() ?? cpus().length, software: { node: process.version, ...options.software } };
   }
@@ -171,16 +173,14 @@ export class Client {
 
 export class Study {
   #memory;
-  /** What the last trial has set up, where it was measured to its end; whether one runs, and whether some ever ran side by side. */
-  #setUp;
-  #isRunning = false;
-  #sideBySide = false;
+  #setUps;
 
   constructor(client, name, spec, request) {
     this.client = client;
     this.name = name;
     this.spec = spec;
     this.#memory = new Memory(spec);
+    this.#setUps = client.setUps[name] ??= { done: undefined, isRunning: false, sideBySide: false };
     this.request = request;
     this.asked = name;
     this.created = false;
@@ -322,16 +322,17 @@ export class Study {
 
   /** A trial begins: whether what the one before has set up serves it. Of trials side by side nobody knows which loop asks. */
   beginSetUp(wanted) {
-    this.#sideBySide ||= this.#isRunning;
-    const isPrepared = !this.#sideBySide && this.#setUp === wanted;
-    this.#isRunning = true;
+    const all = this.#setUps;
+    all.sideBySide ||= all.isRunning;
+    const isPrepared = !all.sideBySide && all.done === wanted;
+    all.isRunning = true;
     return isPrepared;
   }
 
   /** It ends; well where it says what it has set up. */
   endSetUp(setUp) {
-    this.#isRunning = false;
-    this.#setUp = setUp;
+    this.#setUps.isRunning = false;
+    this.#setUps.done = setUp;
   }
 
   /** Learns from a result what to fall back on. What is beyond a limit does not count as run. */

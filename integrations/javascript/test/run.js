@@ -671,6 +671,13 @@ async function fallingBack() {
     assert.deepEqual([suggestion.isPrepared, fallback.isPrepared], prepared);
     fallback.report({ ms: 2 });
   }
+  // Another handle of the study sets up something else.
+  const other = await client.study("fallbacks", study.spec);
+  for (const [handle, level] of [[other, 5], [study, 8]]) {
+    const fallback = await handle.suggest({ size: 10 });
+    assert.deepEqual([fallback.configuration, fallback.isPrepared], [{ level }, false]);
+    fallback.report({ ms: 2 });
+  }
   await client.flush(20000);
   client.close();
   server.forceShutdown();
