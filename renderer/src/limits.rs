@@ -36,7 +36,8 @@ pub const FRAMES_PER_TRIAL_MAX: u32 = 1000;
 /// Most frames of an episode.
 pub const EPISODE_FRAMES_MAX: u32 = 64;
 
-/// Most triangles of all moments of an episode together, which are in memory at once: some 40 bytes each.
+/// Most triangles and instances of all moments of an episode together, which are in memory at once: some 40
+/// bytes a triangle, and 144 an instance.
 pub const EPISODE_TRIANGLES_MAX: usize = 100_000_000;
 
 /// Most memory of the structures that a search keeps for later trials, in bytes.

@@ -49,10 +49,10 @@ impl EpisodeArguments {
         let moving = scene.moving()?;
         let moment = |frame: u32| moving.at(scene.time + self.cycles * frame as f32 / self.episode as f32);
         let first = moment(0)?;
-        let triangles = first.triangles.len();
-        if triangles.saturating_mul(self.episode as usize) > EPISODE_TRIANGLES_MAX {
+        let kept = kept(&first);
+        if kept.saturating_mul(self.episode as usize) > EPISODE_TRIANGLES_MAX {
             return Err(CliError::Usage(format!(
-                "{} frames of {triangles} triangles are more than the {EPISODE_TRIANGLES_MAX} that are kept at once; ask for fewer with --episode",
+                "{} frames of {kept} triangles and instances are more than the {EPISODE_TRIANGLES_MAX} that are kept at once; ask for fewer with --episode",
                 self.episode,
             )));
         }
@@ -60,10 +60,31 @@ impl EpisodeArguments {
     }
 }
 
+/// The number of triangles and instances of which each frame has its own.
+fn kept(scene: &Scene) -> usize {
+    scene.triangles.len() + scene.instances.as_ref().map_or(0, |instances| instances.placed().len())
+}
+
 /// Cycles of a scene in an episode.
 fn cycles(text: &str) -> Result<f32, String> {
     match text.parse::<f32>() {
         Ok(cycles) if cycles.is_finite() && cycles != 0.0 => Ok(cycles),
         _ => Err("it must be a number other than 0".to_owned()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use treewright_scene::builtin;
+
+    use super::*;
+
+    #[test]
+    fn instances_are_kept_too() {
+        let options = builtin::Options { detail: 0.01, ..builtin::Options::default() };
+        let forest = builtin::build("forest", &options).expect("it is built in");
+        assert!(kept(&forest) > forest.triangles.len());
+        let flat = forest.flattened().expect("it is small");
+        assert_eq!(kept(&flat), flat.triangles.len());
     }
 }
