@@ -76,6 +76,7 @@ async fn frame(tuning: &Tuning, number: u64, states: u64, previous: Option<Trial
         Report {
             trial: TrialName { study: STUDY.into(), number: trial.number },
             measurements: BTreeMap::from([("render_ms".to_owned(), 10.0 * noise * (1.0 + cost))]),
+            standard_errors: BTreeMap::new(),
             outcome: Outcome::Ok,
         }
     });

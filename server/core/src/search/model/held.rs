@@ -152,7 +152,7 @@ mod tests {
         let mut x = tiled.setup.start.clone();
         x[0] = 0.75;
         let (x, observed) = (tiled.grid(&x).0, Observed::Cost { mean: 1.0, count: 1 });
-        tiled.seen.push(MeasuredPoint { x, observed });
+        tiled.seen.push(MeasuredPoint { x, observed, lacks: 0.0 });
         assert!(!tiled.held().is_empty(), "the tile's default is new where it counts");
         let mut last = RawConfiguration::new();
         for _ in 0..TRIALS {
