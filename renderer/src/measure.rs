@@ -415,8 +415,7 @@ mod tests {
     fn rounds_of_a_second_process_follow_and_widen_the_interval() {
         let of = |name: &'static str, render_ms: &[f64], failure: Option<&str>| Measured {
             who: Who::Named(name.into()),
-            build_ms: vec![0.0; render_ms.len()],
-            render_ms: render_ms.into(),
+            frames: render_ms.iter().map(|&render_ms| FrameTimes::of(0.0, render_ms)).collect(),
             failure: failure.map(str::to_owned),
             ..Measured::default()
         };
@@ -432,7 +431,7 @@ mod tests {
         assert_eq!(all[2].gain_over(&all[0]).interval, None, "one process alone, of four rounds");
         let text = serde_json::to_string(&joined[1]).expect("it is JSON");
         let read: Measured = serde_json::from_str(&text).expect("it is one");
-        assert_eq!((read.render_ms, read.processes), (joined[1].render_ms.clone(), Some([4, 4])));
+        assert_eq!((read.frames, read.processes), (joined[1].frames.clone(), Some([4, 4])));
     }
 
     fn quick(rounds: u32, frames_per_build: u32) -> (Renderer, Conditions) {
