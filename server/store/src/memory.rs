@@ -17,7 +17,7 @@ use crate::fence::{Fence, Receipt};
 use crate::limits;
 use crate::raw::{raw_trial, raw_visit};
 use crate::rows::inconsistent;
-use crate::store::{ClosedTrial, Created, Loaded, Store, StudyRecord, TrialPage, TrialQuery};
+use crate::store::{ClosedTrial, Created, Loaded, Store, StudyRecord, StudyWrite, TrialPage, TrialQuery};
 
 /// Keeps everything in memory and forgets it when dropped.
 #[derive(Debug, Default)]
@@ -65,18 +65,6 @@ impl MemoryStore {
     fn lock(&self) -> Result<MutexGuard<'_, MemoryTables>, StoreError> {
         let inner = self.inner.lock().unwrap_or_else(PoisonError::into_inner);
         if inner.closed { Err(StoreError::Closed) } else { Ok(inner) }
-    }
-
-    /// Changes a study whose fence holds; a failure breaks it.
-    fn change(
-        &self,
-        fence: &Fence,
-        apply: impl FnOnce(&mut MemoryStudy) -> Result<(), StoreError>,
-    ) -> Receipt {
-        match self.lock().and_then(|mut inner| apply(inner.fenced(fence)?)) {
-            Ok(()) => Receipt::settled(Ok(())),
-            Err(error) => Receipt::refused(fence, error),
-        }
     }
 }
 
@@ -171,6 +159,27 @@ impl MemoryStudy {
         assert!(completed <= trials, "{completed} completed of {trials} trials");
         let last = self.completed.last_key_value();
         assert!(last.is_none_or(|(_, number)| self.trials.contains_key(number)), "{last:?} has no trial");
+    }
+
+    /// Carries out a write; `id` is the study's own.
+    fn write(&mut self, id: &str, write: StudyWrite<'_>) -> Result<(), StoreError> {
+        match write {
+            StudyWrite::Commit(changes) => self.apply(changes)?,
+            StudyWrite::Study(spec, earlier, models_since) => {
+                (self.spec, self.earlier, self.models_since) = (spec.clone(), earlier.clone(), models_since);
+            }
+            StudyWrite::Space(spec, earlier) => {
+                (self.spec, self.earlier, self.checkpoint) = (spec.clone(), earlier.clone(), None);
+                self.states.values_mut().for_each(|state| state.search = None);
+            }
+            StudyWrite::Exclude(number, reason) => {
+                let trial = self.trials.get_mut(&number).filter(|trial| trial.state == TrialState::Completed);
+                let missing = || StoreError::TrialNotFound { study: id.to_owned(), number };
+                trial.ok_or_else(missing)?.exclusion = reason.map(str::to_owned);
+                self.checkpoint = None;
+            }
+        }
+        Ok(())
     }
 
     fn apply(&mut self, changes: &[Change]) -> Result<(), StoreError> {
@@ -319,39 +328,11 @@ impl Store for MemoryStore {
         })
     }
 
-    fn commit(&self, fence: &Fence, changes: &[Change]) -> Receipt {
-        self.change(fence, |study| study.apply(changes))
-    }
-
-    fn update_study(
-        &self,
-        fence: &Fence,
-        spec: &StudySpec,
-        earlier: &EarlierSpaces,
-        models_since: u64,
-    ) -> Receipt {
-        self.change(fence, |study| {
-            (study.spec, study.earlier, study.models_since) = (spec.clone(), earlier.clone(), models_since);
-            Ok(())
-        })
-    }
-
-    fn change_space(&self, fence: &Fence, spec: &StudySpec, earlier: &EarlierSpaces) -> Receipt {
-        self.change(fence, |study| {
-            (study.spec, study.earlier, study.checkpoint) = (spec.clone(), earlier.clone(), None);
-            study.states.values_mut().for_each(|state| state.search = None);
-            Ok(())
-        })
-    }
-
-    fn exclude_trial(&self, fence: &Fence, number: u64, reason: Option<&str>) -> Receipt {
-        self.change(fence, |study| {
-            let trial = study.trials.get_mut(&number).filter(|trial| trial.state == TrialState::Completed);
-            let missing = || StoreError::TrialNotFound { study: fence.study().to_owned(), number };
-            trial.ok_or_else(missing)?.exclusion = reason.map(str::to_owned);
-            study.checkpoint = None;
-            Ok(())
-        })
+    fn queue(&self, fence: &Fence, write: StudyWrite<'_>) -> Receipt {
+        match self.lock().and_then(|mut inner| inner.fenced(fence)?.write(fence.study(), write)) {
+            Ok(()) => Receipt::settled(Ok(())),
+            Err(error) => Receipt::refused(fence, error),
+        }
     }
 
     async fn completed_trials(

@@ -19,8 +19,10 @@ use treewright_core::value::Value;
 use treewright_core::words::Word;
 
 use crate::error::StoreError;
+use crate::fence::Fence;
 use crate::from_row::row;
 use crate::limits::CHECKPOINT_PART_BYTES;
+use crate::store::StudyWrite;
 
 row! {
     /// A row of `trials`, without its study.
@@ -151,6 +153,57 @@ impl Rows {
     /// The number of rows that are stored or removed.
     pub(crate) fn count(&self) -> usize {
         self.states.len() + self.visits.len() + self.trials.len() + self.forgotten.len()
+    }
+}
+
+/// A change of one study, as rows and texts.
+pub(crate) enum StudyChange {
+    Commit(Rows),
+    /// The specification and the policy of a study that keeps its space.
+    Study {
+        specification: String,
+        policy: String,
+        models_since: i64,
+    },
+    /// The specification and the policy of a changed space.
+    Space {
+        specification: String,
+        policy: String,
+    },
+    /// The reason for which a completed trial is excluded; none where it counts.
+    Exclude {
+        number: i64,
+        reason: Option<String>,
+    },
+    /// A part of a checkpoint. Its failure breaks no fence.
+    Part(PartRow),
+}
+
+impl StudyChange {
+    pub(crate) fn of(write: StudyWrite<'_>) -> Result<Self, StoreError> {
+        Ok(match write {
+            StudyWrite::Commit(changes) => Self::Commit(Rows::of(changes)?),
+            StudyWrite::Study(spec, earlier, models_since) => {
+                let (specification, policy) = specification(spec, earlier)?;
+                Self::Study { specification, policy, models_since: signed(models_since)? }
+            }
+            StudyWrite::Space(spec, earlier) => {
+                let (specification, policy) = specification(spec, earlier)?;
+                Self::Space { specification, policy }
+            }
+            StudyWrite::Exclude(number, reason) => {
+                Self::Exclude { number: signed(number)?, reason: reason.map(str::to_owned) }
+            }
+        })
+    }
+
+    /// Breaks the fence after an error: the caller's change is lost, so no later change computed on it may be
+    /// stored.
+    pub(crate) fn fail(&self, fence: &Fence, error: &StoreError) {
+        if !matches!(self, Self::Part(_)) {
+            fence.break_up();
+            tracing::warn!(study = fence.study(), %error, "a change was not stored");
+        }
     }
 }
 

@@ -122,12 +122,24 @@ pub struct ClosedTrial {
     pub completion: Option<u64>,
 }
 
+/// A write of one study under its fence.
+#[derive(Clone, Copy, Debug)]
+pub enum StudyWrite<'a> {
+    /// [`Store::commit`].
+    Commit(&'a [Change]),
+    /// [`Store::update_study`].
+    Study(&'a StudySpec, &'a EarlierSpaces, u64),
+    /// [`Store::change_space`].
+    Space(&'a StudySpec, &'a EarlierSpaces),
+    /// [`Store::exclude_trial`].
+    Exclude(u64, Option<&'a str>),
+}
+
 /// Keeps studies, states, trials and visits.
 ///
-/// Two kinds of methods: the `async` ones are whole use cases. [`commit`](Store::commit),
-/// [`update_study`](Store::update_study), [`change_space`](Store::change_space) and
-/// [`exclude_trial`](Store::exclude_trial) only take their place in the order of writes and return at once,
-/// so that a caller can hold a lock while it queues and let go before it waits.
+/// Two kinds of methods: the `async` ones are whole use cases. [`queue`](Store::queue), with which
+/// [`commit`](Store::commit) and the like are written, only gives a write its place in the order of writes
+/// and returns at once, so that a caller can hold a lock while it queues and let go before it waits.
 #[async_trait]
 pub trait Store: Send + Sync + 'static {
     /// Creates a study with an identity of its own, or finds an equal one under the same id, be it with one
@@ -186,8 +198,13 @@ pub trait Store: Send + Sync + 'static {
         None
     }
 
+    /// Gives a write its place in the order of writes.
+    fn queue(&self, fence: &Fence, write: StudyWrite<'_>) -> Receipt;
+
     /// Queues changes that are stored all or none. An empty list, too, waits for every earlier change.
-    fn commit(&self, fence: &Fence, changes: &[Change]) -> Receipt;
+    fn commit(&self, fence: &Fence, changes: &[Change]) -> Receipt {
+        self.queue(fence, StudyWrite::Commit(changes))
+    }
 
     /// Queues a new policy and new texts for people, and with them [`Snapshot::models_since`]. The spaces are
     /// those that are stored.
@@ -197,16 +214,22 @@ pub trait Store: Send + Sync + 'static {
         spec: &StudySpec,
         earlier: &EarlierSpaces,
         models_since: u64,
-    ) -> Receipt;
+    ) -> Receipt {
+        self.queue(fence, StudyWrite::Study(spec, earlier, models_since))
+    }
 
     /// Queues a new space of a study, with its policy as it is in that space, and the spaces before. The
     /// searches of all states and the checkpoint are dropped, because they are of another space. The tuner
     /// must be loaded anew.
-    fn change_space(&self, fence: &Fence, spec: &StudySpec, earlier: &EarlierSpaces) -> Receipt;
+    fn change_space(&self, fence: &Fence, spec: &StudySpec, earlier: &EarlierSpaces) -> Receipt {
+        self.queue(fence, StudyWrite::Space(spec, earlier))
+    }
 
     /// Queues that a completed trial is excluded for a reason, or counts again without one. The checkpoint is
     /// dropped, because it rests on other trials. The tuner must be loaded anew.
-    fn exclude_trial(&self, fence: &Fence, number: u64, reason: Option<&str>) -> Receipt;
+    fn exclude_trial(&self, fence: &Fence, number: u64, reason: Option<&str>) -> Receipt {
+        self.queue(fence, StudyWrite::Exclude(number, reason))
+    }
 
     /// Reads the completed trials behind a place in the order of completion, in that order, at most `size` of
     /// them. Only their exclusion changes, so the fence only names the study and may be broken. The cost does

@@ -5,13 +5,12 @@ use std::time::Duration;
 
 use async_trait::async_trait;
 use treewright_core::ids::StudyUid;
-use treewright_core::space::EarlierSpaces;
 use treewright_core::study::StudySpec;
 use treewright_core::trial::RawTrial;
-use treewright_core::tuner::{Change, Checkpoint};
+use treewright_core::tuner::Checkpoint;
 use treewright_store::{
-    ClosedTrial, Created, Fence, Loaded, MemoryStore, Receipt, Store, StoreError, StudyRecord, TrialPage,
-    TrialQuery,
+    ClosedTrial, Created, Fence, Loaded, MemoryStore, Receipt, Store, StoreError, StudyRecord, StudyWrite,
+    TrialPage, TrialQuery,
 };
 
 /// A store whose disk can be unplugged, and slow.
@@ -61,27 +60,12 @@ impl Store for Flaky {
         tokio::time::sleep(self.load_takes).await;
         self.inner.load(study).await
     }
-    fn commit(&self, fence: &Fence, changes: &[Change]) -> Receipt {
-        if self.broken.load(Ordering::SeqCst) {
+    fn queue(&self, fence: &Fence, write: StudyWrite<'_>) -> Receipt {
+        if matches!(write, StudyWrite::Commit(_)) && self.broken.load(Ordering::SeqCst) {
             let problem = "database or disk is full".to_owned();
             return Receipt::refused(fence, StoreError::Unavailable { problem });
         }
-        self.inner.commit(fence, changes)
-    }
-    fn update_study(
-        &self,
-        fence: &Fence,
-        spec: &StudySpec,
-        earlier: &EarlierSpaces,
-        models_since: u64,
-    ) -> Receipt {
-        self.inner.update_study(fence, spec, earlier, models_since)
-    }
-    fn change_space(&self, fence: &Fence, spec: &StudySpec, earlier: &EarlierSpaces) -> Receipt {
-        self.inner.change_space(fence, spec, earlier)
-    }
-    fn exclude_trial(&self, fence: &Fence, number: u64, reason: Option<&str>) -> Receipt {
-        self.inner.exclude_trial(fence, number, reason)
+        self.inner.queue(fence, write)
     }
 
     async fn completed_trials(

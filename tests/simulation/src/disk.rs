@@ -17,13 +17,12 @@ use async_trait::async_trait;
 use tokio::sync::{mpsc, oneshot};
 use tokio::time::sleep;
 use treewright_core::ids::StudyUid;
-use treewright_core::space::EarlierSpaces;
 use treewright_core::study::StudySpec;
 use treewright_core::trial::RawTrial;
-use treewright_core::tuner::{Change, Checkpoint};
+use treewright_core::tuner::Checkpoint;
 use treewright_store::{
-    ClosedTrial, Created, Fence, Loaded, MemoryStore, Receipt, Store, StoreError, StudyRecord, TrialPage,
-    TrialQuery,
+    ClosedTrial, Created, Fence, Loaded, MemoryStore, Receipt, Store, StoreError, StudyRecord, StudyWrite,
+    TrialPage, TrialQuery,
 };
 
 use crate::claims::{Known, lock};
@@ -102,18 +101,6 @@ impl SimulatedDisk {
         answered.await.unwrap_or(Err(StoreError::Closed))
     }
 
-    fn write(
-        &self,
-        fence: &Fence,
-        is_commit: bool,
-        write: impl Fn(&MemoryStore, &Fence) -> Receipt + Send + 'static,
-    ) -> Receipt {
-        let (answer, receipt) = Receipt::pending();
-        let write: Write = Box::new(write);
-        self.enqueue(Job { write: Some((fence.clone(), write)), is_commit, answer });
-        receipt
-    }
-
     /// The durable store's fence behind one that this machine was given, as long as it was given no later
     /// one.
     fn behind(&self, fence: &Fence) -> Result<Fence, StoreError> {
@@ -139,6 +126,32 @@ impl SimulatedDisk {
 /// The address that a machine advertises.
 fn address(replica: usize) -> String {
     format!("replica-{replica}")
+}
+
+/// The write with a copy of what it stores.
+fn kept(write: StudyWrite<'_>) -> Write {
+    match write {
+        StudyWrite::Commit(changes) => {
+            let changes = changes.to_vec();
+            Box::new(move |store: &MemoryStore, fence: &Fence| store.commit(fence, &changes))
+        }
+        StudyWrite::Study(spec, earlier, since) => {
+            let (spec, earlier) = (spec.clone(), earlier.clone());
+            Box::new(move |store: &MemoryStore, fence: &Fence| {
+                store.update_study(fence, &spec, &earlier, since)
+            })
+        }
+        StudyWrite::Space(spec, earlier) => {
+            let (spec, earlier) = (spec.clone(), earlier.clone());
+            Box::new(move |store: &MemoryStore, fence: &Fence| store.change_space(fence, &spec, &earlier))
+        }
+        StudyWrite::Exclude(number, reason) => {
+            let reason = reason.map(str::to_owned);
+            Box::new(move |store: &MemoryStore, fence: &Fence| {
+                store.exclude_trial(fence, number, reason.as_deref())
+            })
+        }
+    }
 }
 
 fn refuse(job: Job, error: &StoreError) {
@@ -338,34 +351,11 @@ impl Store for SimulatedDisk {
         self.known.forget(study);
     }
 
-    fn commit(&self, fence: &Fence, changes: &[Change]) -> Receipt {
-        let changes = changes.to_vec();
-        self.write(fence, true, move |store, durable| store.commit(durable, &changes))
-    }
-
-    fn update_study(
-        &self,
-        fence: &Fence,
-        spec: &StudySpec,
-        earlier: &EarlierSpaces,
-        models_since: u64,
-    ) -> Receipt {
-        let (spec, earlier) = (spec.clone(), earlier.clone());
-        self.write(fence, false, move |store, durable| {
-            store.update_study(durable, &spec, &earlier, models_since)
-        })
-    }
-
-    fn change_space(&self, fence: &Fence, spec: &StudySpec, earlier: &EarlierSpaces) -> Receipt {
-        let (spec, earlier) = (spec.clone(), earlier.clone());
-        self.write(fence, false, move |store, durable| store.change_space(durable, &spec, &earlier))
-    }
-
-    fn exclude_trial(&self, fence: &Fence, number: u64, reason: Option<&str>) -> Receipt {
-        let reason = reason.map(str::to_owned);
-        self.write(fence, false, move |store, durable| {
-            store.exclude_trial(durable, number, reason.as_deref())
-        })
+    fn queue(&self, fence: &Fence, write: StudyWrite<'_>) -> Receipt {
+        let is_commit = matches!(write, StudyWrite::Commit(_));
+        let (answer, receipt) = Receipt::pending();
+        self.enqueue(Job { write: Some((fence.clone(), kept(write))), is_commit, answer });
+        receipt
     }
 
     async fn completed_trials(

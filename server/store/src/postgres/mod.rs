@@ -33,18 +33,19 @@ use tokio::sync::{mpsc, oneshot};
 use tokio::task::JoinHandle;
 use tokio::time::timeout;
 use treewright_core::ids::StudyUid;
-use treewright_core::space::EarlierSpaces;
 use treewright_core::study::StudySpec;
 use treewright_core::trial::RawTrial;
-use treewright_core::tuner::{Change, Checkpoint};
+use treewright_core::tuner::Checkpoint;
 
 use crate::error::{OpenError, StoreError};
 use crate::fence::{Fence, Receipt};
 use crate::limits;
-use crate::rows::{self, PartRow, Rows};
-use crate::store::{ClosedTrial, Created, Loaded, Store, StoreSize, StudyRecord, TrialPage, TrialQuery};
+use crate::rows::{self, PartRow, StudyChange};
+use crate::store::{
+    ClosedTrial, Created, Loaded, Store, StoreSize, StudyRecord, StudyWrite, TrialPage, TrialQuery,
+};
 use shared::SharedState;
-use writer::{ChangeJob, StudyChange, StudyJob};
+use writer::{ChangeJob, StudyJob};
 
 pub use open::PostgresAddress;
 pub use tokens::PostgresTokens;
@@ -140,17 +141,12 @@ impl PostgresStore {
         job.refuse(error);
     }
 
-    /// Gives a change under a fence its place, unless its rows cannot be written.
-    fn change(&self, fence: &Fence, change: Result<StudyChange, StoreError>) -> Receipt {
-        match change {
-            Ok(change) => {
-                let (answer, receipt) = Receipt::pending();
-                let job = ChangeJob { fence: fence.clone(), change, answer };
-                self.enqueue(fence.study(), StudyJob::Change(job));
-                receipt
-            }
-            Err(error) => Receipt::refused(fence, error),
-        }
+    /// Gives a change under a fence its place.
+    fn change(&self, fence: &Fence, change: StudyChange) -> Receipt {
+        let (answer, receipt) = Receipt::pending();
+        let job = ChangeJob { fence: fence.clone(), change, answer };
+        self.enqueue(fence.study(), StudyJob::Change(job));
+        receipt
     }
 
     async fn reader(&self) -> Result<PoolConnection<Postgres>, StoreError> {
@@ -254,32 +250,11 @@ impl Store for PostgresStore {
         Some(StoreSize { database_bytes: bytes.try_into().ok()?, log_bytes: 0 })
     }
 
-    fn commit(&self, fence: &Fence, changes: &[Change]) -> Receipt {
-        self.change(fence, Rows::of(changes).map(StudyChange::Commit))
-    }
-
-    fn update_study(
-        &self,
-        fence: &Fence,
-        spec: &StudySpec,
-        earlier: &EarlierSpaces,
-        models_since: u64,
-    ) -> Receipt {
-        let change = rows::specification(spec, earlier).and_then(|(specification, policy)| {
-            let models_since = rows::signed(models_since)?;
-            Ok(StudyChange::Study { specification, policy, models_since })
-        });
-        self.change(fence, change)
-    }
-
-    fn change_space(&self, fence: &Fence, spec: &StudySpec, earlier: &EarlierSpaces) -> Receipt {
-        let texts = rows::specification(spec, earlier);
-        self.change(fence, texts.map(|(specification, policy)| StudyChange::Space { specification, policy }))
-    }
-
-    fn exclude_trial(&self, fence: &Fence, number: u64, reason: Option<&str>) -> Receipt {
-        let reason = reason.map(batch::without_nul);
-        self.change(fence, rows::signed(number).map(|number| StudyChange::Exclude { number, reason }))
+    fn queue(&self, fence: &Fence, write: StudyWrite<'_>) -> Receipt {
+        match StudyChange::of(write) {
+            Ok(change) => self.change(fence, change),
+            Err(error) => Receipt::refused(fence, error),
+        }
     }
 
     async fn completed_trials(
@@ -295,7 +270,7 @@ impl Store for PostgresStore {
     async fn save_checkpoint(&self, fence: &Fence, checkpoint: &Checkpoint) -> Result<(), StoreError> {
         // The parts go one after the other, so that other writes come in between.
         for row in PartRow::cut(checkpoint) {
-            self.change(fence, Ok(StudyChange::Part(row?))).durable().await?;
+            self.change(fence, StudyChange::Part(row?)).durable().await?;
         }
         Ok(())
     }

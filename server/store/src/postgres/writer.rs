@@ -15,14 +15,14 @@ use sqlx::query::Query;
 use tokio::sync::{mpsc, oneshot};
 use tokio::time::timeout;
 
-use super::batch::Batch;
+use super::batch::{Batch, without_nul};
 use super::open::silent;
 use super::shared::SharedState;
 use super::{claim, failed, statements as sql};
 use crate::error::StoreError;
 use crate::fence::Fence;
 use crate::limits;
-use crate::rows::{PartRow, Rows, inconsistent, one_at_most};
+use crate::rows::{StudyChange, inconsistent, one_at_most};
 
 /// The time after a failure to reach the database in which writes are refused without another try.
 const FAIL_FAST: Duration = Duration::from_millis(100);
@@ -45,28 +45,6 @@ pub(super) struct ChangeJob {
     pub(super) answer: oneshot::Sender<Result<(), StoreError>>,
 }
 
-pub(super) enum StudyChange {
-    Commit(Rows),
-    /// The specification and the policy of a study that keeps its space.
-    Study {
-        specification: String,
-        policy: String,
-        models_since: i64,
-    },
-    /// The specification and the policy of a changed space.
-    Space {
-        specification: String,
-        policy: String,
-    },
-    /// The reason for which a completed trial is excluded; none where it counts.
-    Exclude {
-        number: i64,
-        reason: Option<String>,
-    },
-    /// A part of a checkpoint. Its failure breaks no fence.
-    Part(PartRow),
-}
-
 impl StudyJob {
     pub(super) fn refuse(self, error: StoreError) {
         match self {
@@ -77,14 +55,10 @@ impl StudyJob {
 }
 
 impl ChangeJob {
-    /// Answers. After an error the caller's change is lost, so the fence breaks: no later change computed on
-    /// it may be stored.
+    /// Answers, and breaks the fence after an error.
     fn finish(self, result: Result<(), StoreError>) {
-        if let Err(error) = &result
-            && !matches!(self.change, StudyChange::Part(_))
-        {
-            self.fence.break_up();
-            tracing::warn!(study = self.fence.study(), %error, "a change was not stored");
+        if let Err(error) = &result {
+            self.change.fail(&self.fence, error);
         }
         drop(self.answer.send(result));
     }
@@ -245,7 +219,8 @@ impl Writer {
             StudyChange::Exclude { number, reason } => {
                 // A trial that was removed meanwhile looks like a study that another replica has: it is
                 // missed when the study has been loaded again.
-                let query = held(sql::TRIAL_EXCLUDE, fence).bind(number).bind(reason.as_deref());
+                let query =
+                    held(sql::TRIAL_EXCLUDE, fence).bind(number).bind(reason.as_deref().map(without_nul));
                 self.execute_held(fence, query).await
             }
             StudyChange::Part(row) => {

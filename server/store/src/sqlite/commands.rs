@@ -14,7 +14,7 @@ use super::{read, script};
 use crate::error::StoreError;
 use crate::fence::Fence;
 use crate::limits;
-use crate::rows::{self, PartRow, Rows, one_at_most};
+use crate::rows::{self, StudyChange, one_at_most};
 use crate::store::Created;
 
 pub(super) enum WriteCommand {
@@ -36,39 +36,15 @@ pub(super) enum WriteCommand {
     Fence {
         study: String,
     },
-    /// The specification and the policy of a study that keeps its space.
-    Study {
+    Change {
         fence: Fence,
-        specification: String,
-        policy: String,
-        models_since: u64,
-    },
-    /// The specification and the policy of a changed space.
-    Space {
-        fence: Fence,
-        specification: String,
-        policy: String,
-    },
-    /// The reason for which a completed trial is excluded; none where it counts.
-    Exclude {
-        fence: Fence,
-        number: u64,
-        reason: Option<String>,
-    },
-    /// A part of a checkpoint. Its failure breaks no fence.
-    Part {
-        fence: Fence,
-        row: PartRow,
+        change: StudyChange,
     },
     /// Removes closed trials: a JSON list of numbers. Its failure breaks no fence.
     Remove {
         fence: Fence,
         numbers: String,
         covered: i64,
-    },
-    Commit {
-        fence: Fence,
-        rows: Rows,
     },
 }
 
@@ -119,26 +95,9 @@ pub(super) async fn apply(
             }
             Ok(WriteResult::Fenced(fence))
         }
-        WriteCommand::Study { fence, specification, policy, models_since } => {
+        WriteCommand::Change { fence, change } => {
             check_in_force(fences, fence)?;
-            let update = sqlx::query(sql::STUDY_UPDATE).bind(fence.key()).bind(specification).bind(policy);
-            let update = update.bind(rows::signed(*models_since)?).execute(connection);
-            one_at_most(update.await.map_err(refused)?.rows_affected());
-            Ok(WriteResult::Nothing)
-        }
-        WriteCommand::Space { fence, specification, policy } => {
-            check_in_force(fences, fence)?;
-            change_space(connection, fence.key(), specification, policy).await.map_err(refused)?;
-            Ok(WriteResult::Nothing)
-        }
-        WriteCommand::Exclude { fence, number, reason } => {
-            check_in_force(fences, fence)?;
-            exclude(connection, fence, *number, reason.as_deref()).await?;
-            Ok(WriteResult::Nothing)
-        }
-        WriteCommand::Part { fence, row } => {
-            fence.check()?;
-            save_part(connection, fence.key(), row).await.map_err(refused)?;
+            change_study(connection, fence, change).await?;
             Ok(WriteResult::Nothing)
         }
         WriteCommand::Remove { fence, numbers, covered } => {
@@ -148,12 +107,34 @@ pub(super) async fn apply(
                 .map(WriteResult::Removed)
                 .map_err(refused)
         }
-        WriteCommand::Commit { fence, rows } => {
-            check_in_force(fences, fence)?;
-            let stored = script::rows(fence.key(), rows).execute(connection).await;
-            stored.map_err(|error| refused(error).in_study(fence.study()))?;
-            Ok(WriteResult::Nothing)
+    }
+}
+
+/// Carries out a change of a study.
+async fn change_study(
+    connection: &mut SqliteConnection,
+    fence: &Fence,
+    change: &StudyChange,
+) -> Result<(), StoreError> {
+    let study = fence.key();
+    match change {
+        StudyChange::Commit(rows) => {
+            let stored = script::rows(study, rows).execute(connection).await;
+            stored.map(|_| ()).map_err(|error| refused(error).in_study(fence.study()))
         }
+        StudyChange::Study { specification, policy, models_since } => {
+            let update = sqlx::query(sql::STUDY_UPDATE).bind(study).bind(specification).bind(policy);
+            let update = update.bind(*models_since).execute(connection);
+            one_at_most(update.await.map_err(refused)?.rows_affected());
+            Ok(())
+        }
+        StudyChange::Space { specification, policy } => {
+            change_space(connection, study, specification, policy).await.map_err(refused)
+        }
+        StudyChange::Exclude { number, reason } => {
+            exclude(connection, fence, *number, reason.as_deref()).await
+        }
+        StudyChange::Part(row) => save_part(connection, study, row).await.map_err(refused),
     }
 }
 
@@ -216,14 +197,14 @@ async fn change_space(
 async fn exclude(
     connection: &mut SqliteConnection,
     fence: &Fence,
-    number: u64,
+    number: i64,
     reason: Option<&str>,
 ) -> Result<(), StoreError> {
-    let excluding =
-        sqlx::query(sql::TRIAL_EXCLUDE).bind(fence.key()).bind(rows::signed(number)?).bind(reason);
+    let excluding = sqlx::query(sql::TRIAL_EXCLUDE).bind(fence.key()).bind(number).bind(reason);
     let excluded = excluding.execute(&mut *connection).await.map_err(refused)?.rows_affected();
     one_at_most(excluded);
     if excluded == 0 {
+        let number = rows::unsigned(number)?;
         return Err(StoreError::TrialNotFound { study: fence.study().to_owned(), number });
     }
     let dropping = sqlx::query(sql::CHECKPOINTS_DELETE).bind(fence.key()).execute(connection);

@@ -29,16 +29,17 @@ use sqlx::sqlite::{Sqlite, SqliteConnection, SqlitePool};
 use tokio::sync::{mpsc, oneshot};
 use tokio::task::JoinHandle;
 use treewright_core::ids::StudyUid;
-use treewright_core::space::EarlierSpaces;
 use treewright_core::study::StudySpec;
 use treewright_core::trial::RawTrial;
-use treewright_core::tuner::{Change, Checkpoint};
+use treewright_core::tuner::Checkpoint;
 
 use crate::error::{OpenError, StoreError};
 use crate::fence::{Fence, Receipt};
 use crate::limits;
-use crate::rows::{self, PartRow, Rows};
-use crate::store::{ClosedTrial, Created, Loaded, Store, StoreSize, StudyRecord, TrialPage, TrialQuery};
+use crate::rows::{self, PartRow, StudyChange};
+use crate::store::{
+    ClosedTrial, Created, Loaded, Store, StoreSize, StudyRecord, StudyWrite, TrialPage, TrialQuery,
+};
 use commands::{WriteCommand, WriteResult};
 pub use tokens::SqliteTokens;
 use writer::{Reply, WriteJob};
@@ -113,18 +114,6 @@ impl SqliteStore {
             },
         };
         job.refuse(error);
-    }
-
-    /// Gives a change under a fence its place, unless its rows cannot be written.
-    fn change(&self, fence: &Fence, command: Result<WriteCommand, StoreError>) -> Receipt {
-        match command {
-            Ok(command) => {
-                let (sender, receipt) = Receipt::pending();
-                self.enqueue(command, Reply::Stored(sender));
-                receipt
-            }
-            Err(error) => Receipt::refused(fence, error),
-        }
     }
 
     async fn write(&self, command: WriteCommand) -> Result<WriteResult, StoreError> {
@@ -208,39 +197,15 @@ impl Store for SqliteStore {
         Some(StoreSize { database_bytes: bytes(&self.path).ok()?, log_bytes })
     }
 
-    fn commit(&self, fence: &Fence, changes: &[Change]) -> Receipt {
-        let rows = Rows::of(changes);
-        self.change(fence, rows.map(|rows| WriteCommand::Commit { fence: fence.clone(), rows }))
-    }
-
-    fn update_study(
-        &self,
-        fence: &Fence,
-        spec: &StudySpec,
-        earlier: &EarlierSpaces,
-        models_since: u64,
-    ) -> Receipt {
-        let command = rows::specification(spec, earlier).map(|(specification, policy)| WriteCommand::Study {
-            fence: fence.clone(),
-            specification,
-            policy,
-            models_since,
-        });
-        self.change(fence, command)
-    }
-
-    fn change_space(&self, fence: &Fence, spec: &StudySpec, earlier: &EarlierSpaces) -> Receipt {
-        let command = rows::specification(spec, earlier).map(|(specification, policy)| WriteCommand::Space {
-            fence: fence.clone(),
-            specification,
-            policy,
-        });
-        self.change(fence, command)
-    }
-
-    fn exclude_trial(&self, fence: &Fence, number: u64, reason: Option<&str>) -> Receipt {
-        let reason = reason.map(str::to_owned);
-        self.change(fence, Ok(WriteCommand::Exclude { fence: fence.clone(), number, reason }))
+    fn queue(&self, fence: &Fence, write: StudyWrite<'_>) -> Receipt {
+        match StudyChange::of(write) {
+            Ok(change) => {
+                let (sender, receipt) = Receipt::pending();
+                self.enqueue(WriteCommand::Change { fence: fence.clone(), change }, Reply::Stored(sender));
+                receipt
+            }
+            Err(error) => Receipt::refused(fence, error),
+        }
     }
 
     async fn completed_trials(
@@ -256,7 +221,8 @@ impl Store for SqliteStore {
     async fn save_checkpoint(&self, fence: &Fence, checkpoint: &Checkpoint) -> Result<(), StoreError> {
         // The parts go one after the other, so that other writes come in between.
         for row in PartRow::cut(checkpoint) {
-            self.write(WriteCommand::Part { fence: fence.clone(), row: row? }).await?;
+            let change = StudyChange::Part(row?);
+            self.write(WriteCommand::Change { fence: fence.clone(), change }).await?;
         }
         Ok(())
     }

@@ -15,7 +15,7 @@ use super::{codes, reap, script};
 use crate::error::StoreError;
 use crate::fence::Fence;
 use crate::limits;
-use crate::rows::Rows;
+use crate::rows::{Rows, StudyChange};
 
 pub(super) struct WriteJob {
     pub(super) command: WriteCommand,
@@ -39,21 +39,18 @@ impl Reply {
 
 impl WriteJob {
     pub(super) fn refuse(self, error: StoreError) {
-        // The caller's change is lost, so no later change computed on it may be stored.
-        if let WriteCommand::Study { fence, .. }
-        | WriteCommand::Space { fence, .. }
-        | WriteCommand::Exclude { fence, .. }
-        | WriteCommand::Commit { fence, .. } = &self.command
-        {
-            fence.break_up();
-            tracing::warn!(study = fence.study(), %error, "a change was not stored");
+        if let WriteCommand::Change { fence, change } = &self.command {
+            change.fail(fence, &error);
         }
         self.answer.give(Err(error));
     }
 
     /// Whether it only waits for the writes before it.
     fn is_empty(&self) -> bool {
-        matches!(&self.command, WriteCommand::Commit { fence, rows } if rows.is_empty() && fence.holds())
+        matches!(
+            &self.command,
+            WriteCommand::Change { fence, change: StudyChange::Commit(rows) } if rows.is_empty() && fence.holds()
+        )
     }
 }
 
@@ -179,7 +176,9 @@ async fn transaction(
     if group.iter().all(WriteJob::is_empty) {
         return Ok(group.iter().map(|_| WriteResult::Nothing).collect());
     }
-    if let [WriteJob { command: WriteCommand::Commit { fence, rows }, .. }] = group {
+    if let [WriteJob { command: WriteCommand::Change { fence, change: StudyChange::Commit(rows) }, .. }] =
+        group
+    {
         debug_assert!(
             !fence.holds() || commands::is_in_force(fences, fence),
             "two fences of {} hold",
