@@ -14,6 +14,16 @@ import time
 import warnings
 
 
+def raises(problem, wrong, *words: str) -> None:
+    """Whether a call fails as it should; the error names its cause, in one of these words where there are any."""
+    try:
+        wrong()
+    except problem as error:
+        assert str(error) and (not words or any(each in str(error) for each in words)), error
+    else:
+        raise AssertionError((problem, wrong))
+
+
 def documentation() -> None:
     for name in ("treewright", "treewright.aio", "treewright.autotune", "treewright.front", "treewright.loop", "treewright.plot"):
         result = doctest.testmod(importlib.import_module(name), optionflags=doctest.ELLIPSIS)
@@ -125,19 +135,11 @@ def trials(url: str) -> None:
         (treewright.Invalid, lambda: treewright.Client(url, certificate_file="/nowhere/cert.pem", key_file=__file__)),
         (treewright.Unreachable, lambda: treewright.Client("http://127.0.0.1:1").ping_ms()),
     ):
-        try:
-            wrong()
-        except problem as error:
-            assert isinstance(error, (treewright.TreewrightError, IndexError)) and str(error)
-        else:
-            raise AssertionError(problem)
+        assert issubclass(problem, (treewright.TreewrightError, IndexError))
+        raises(problem, wrong)
     for unused in ({"authority_file": __file__}, {"certificate_file": __file__, "key_file": __file__}):
-        try:
-            treewright.Client("http://localhost:1", **unused)
-        except treewright.Invalid as error:
-            assert "only used with TLS" in str(error) and "write https://localhost:1" in str(error), error
-        else:
-            raise AssertionError(unused)
+        for words in ("only used with TLS", "write https://localhost:1"):
+            raises(treewright.Invalid, lambda: treewright.Client("http://localhost:1", **unused), words)
     client.flush(20000)
     stats = client.stats()
     assert stats["acknowledged"] >= 31 and stats["abandoned"] >= 2 and stats["dropped"] == 0, stats
@@ -184,12 +186,7 @@ def mappings(url: str, client) -> None:
     assert study.cost(fixed(ms=5.0)) == 5.0 and study.beyond(fixed(mb=100.0)), study
     assert sorted(each["cost"] for each in study.trials("state = COMPLETED")) == [2.0, 4.0]
     for wrong in ([("size", 1.0)], "size", 1.0):
-        try:
-            study.suggest(wrong)
-        except TypeError as problem:
-            assert "Mapping" in str(problem), problem
-        else:
-            raise AssertionError(wrong)
+        raises(TypeError, lambda: study.suggest(wrong), "Mapping")
 
 
 def steering(url: str) -> None:
@@ -273,12 +270,7 @@ def only_its_own_study(url: str) -> None:
         lambda: before.pin({"leaf": 3}),
         *(before.unpin, before.freeze, before.thaw, before.trials, before.note, before.tags, before.policy),
     ):
-        try:
-            call()
-        except treewright.Refused as problem:
-            assert "created again" in str(problem), problem
-        else:
-            raise AssertionError(call)
+        raises(treewright.Refused, call, "created again")
     assert (after.note(), after.policy(), after.trials().rows()) == ("", policy, [])
     client.delete_study("python-identity")
 
@@ -304,16 +296,8 @@ def across_a_change_of_the_space(url: str) -> None:
         assert suggestion.source == "daemon" and suggestion.configuration.keys() == names, suggestion.problem
         suggestion.report(ms=4.0)
         client.flush(20000)
-    for problem, wrong in (
-        (treewright.Invalid, lambda: client.change_space("python-space", treewright.Space())),
-        (treewright.Refused, lambda: client.change_space("nowhere", wider)),
-    ):
-        try:
-            wrong()
-        except problem as error:
-            assert str(error)
-        else:
-            raise AssertionError(problem)
+    raises(treewright.Invalid, lambda: client.change_space("python-space", treewright.Space()))
+    raises(treewright.Refused, lambda: client.change_space("nowhere", wider))
     client.delete_study("python-space")
 
 
@@ -342,12 +326,7 @@ def leases(url: str) -> None:
     client.flush(20000)
     (told,) = study.trials()
     assert told["state"] == "completed" and not told["late"], told
-    try:
-        study.extend_lease(trial)
-    except treewright.Invalid as problem:
-        assert "already" in str(problem), problem
-    else:
-        raise AssertionError("a trial that is reported has no lease")
+    raises(treewright.Invalid, lambda: study.extend_lease(trial), "already")
     away = treewright.Client("http://127.0.0.1:1", deadline_ms=50, call_deadline_ms=500)
     study = away.study("python-leases", space, **definition)
     study.extend_lease(study.suggest())
@@ -370,16 +349,9 @@ def loop(url: str) -> None:
     assert [one.number for one in ran] == list(range(40)) and best.cost == min(one.cost for one in ran if one.measured)
     assert all(one.cost == one.suggestion["leaf"] + 1 for one in ran if one.measured)
     assert treewright.tune(study, objective, seconds=0, catch=(OSError,)).cost <= best.cost
-    for problem, wrong in (
-        (ValueError, lambda: treewright.tune(study, objective)),
-        (TypeError, lambda: treewright.tune(study, lambda values: 1.0, trials=1)),
-        (OSError, lambda: [treewright.tune(study, lambda values: objective({"leaf": 31}), trials=1)]),
-    ):
-        try:
-            wrong()
-        except problem:
-            continue
-        raise AssertionError(problem)
+    raises(ValueError, lambda: treewright.tune(study, objective))
+    raises(TypeError, lambda: treewright.tune(study, lambda values: 1.0, trials=1))
+    raises(OSError, lambda: treewright.tune(study, lambda values: objective({"leaf": 31}), trials=1))
     client.flush(20000)
     last = study.trials(order_by="number desc")[0]
     assert last["outcome"] == "failed", last
@@ -405,12 +377,8 @@ def fronts(url: str) -> None:
         with trial:
             if ran == 0:
                 for wrong in ({"time_ms": 1.0}, {"time_ms": 1.0, "rate": 0.0}):
-                    try:
-                        trial.report(wrong)
-                    except treewright.Invalid as problem:
-                        assert "above 0" in str(problem) and trial.is_open, problem
-                    else:
-                        raise AssertionError(wrong)
+                    raises(treewright.Invalid, lambda: trial.report(wrong), "above 0")
+                    assert trial.is_open, wrong
             trial.report(measured(trial))
         ran += 1
         assert not trial.is_open
@@ -432,18 +400,9 @@ def fronts(url: str) -> None:
     assert study.front(reference=[1e-9, 1e9]).hypervolume == 0
     other = client.study("python-front-none", space, minimise={"time_ms": 1.0})
     for ask in (other.front, lambda: study.front(["time_ms"]), lambda: study.front(reference=[1.0])):
-        try:
-            ask()
-        except treewright.Invalid as problem:
-            assert "two or three" in str(problem) or "for each metric" in str(problem), problem
-        else:
-            raise AssertionError(ask)
+        raises(treewright.Invalid, ask, "two or three", "for each metric")
     for wrong in (["time_ms"], ["time_ms", "memory_mb"]):
-        try:
-            treewright.Front(client, "python-front", space, wrong)
-        except treewright.TreewrightError:
-            continue
-        raise AssertionError(wrong)
+        raises(treewright.TreewrightError, lambda: treewright.Front(client, "python-front", space, wrong))
     # A program that knows an earlier space still has the default beside its front, as it is in the present one.
     wider = treewright.Space().integer("level", 1, 50, default=25).integer("threads", 1, 4, default=2)
     client.change_space("python-front", wider)
@@ -467,10 +426,8 @@ def without_answers(space, objective) -> None:
     ran = []
     with warnings.catch_warnings(record=True) as told:
         warnings.simplefilter("always")
-        try:
-            treewright.tune(study, objective, trials=3, callbacks=[ran.append])
-        except treewright.Unreachable:
-            assert len(ran) == 3
+        raises(treewright.Unreachable, lambda: treewright.tune(study, objective, trials=3, callbacks=[ran.append]))
+    assert len(ran) == 3, ran
     words = [str(each.message) for each in told if each.category is RuntimeWarning]
     assert len(words) == 3 and all("is not learnt from, because" in each for each in words), words
 
@@ -568,11 +525,7 @@ def episodes(client) -> None:
         tuner.finish(suggestion, ms=1.0 + frame % 4)
     assert study.episode_frames == 4 and trials == 4 * trials[:1] + 4 * trials[4:5] and trials[0] != trials[4], trials
     unfinished = tuner.next({"size": 1.0})
-    try:
-        unfinished.report(ms=1.0)
-        raise AssertionError("a frame is no trial")
-    except treewright.Invalid as problem:
-        assert "its trial has more frames" in str(problem), problem
+    raises(treewright.Invalid, lambda: unfinished.report(ms=1.0), "its trial has more frames")
     client.flush(20000)
     assert [trial["measurements"]["ms"] for trial in study.trials("outcome = OK")] == [2.5, 2.5]
 
@@ -896,12 +849,8 @@ def maximised(client, optuna, TreewrightSampler) -> None:
     assert abs(client.existing_study("optuna-maximised").best().configuration["x"] - 1) < 1
     costs = TreewrightSampler({"x": optuna.distributions.FloatDistribution(-4, 4)}, client, "optuna-costs")
     study = optuna.create_study(sampler=costs)
-    try:
-        study.optimize(lambda trial: -1 - trial.suggest_float("x", -4, 4) ** 2, n_trials=1)
-    except ValueError as problem:
-        assert 'values="any"' in str(problem)
-    else:
-        raise AssertionError("a negative cost was taken")
+    negative = lambda trial: -1 - trial.suggest_float("x", -4, 4) ** 2
+    raises(ValueError, lambda: study.optimize(negative, n_trials=1), 'values="any"')
 
 
 def infinitely_bad(client, optuna, TreewrightSampler) -> None:
