@@ -14,7 +14,7 @@ use crate::trial::{Fingerprint, Outcome, RawTrial, Trial, TrialState};
 
 /// The simplest store: rows as text, so that the tests find every loss of serde.
 #[derive(Default)]
-struct Rows {
+pub(super) struct Rows {
     trials: BTreeMap<u64, String>,
     states: BTreeMap<u64, String>,
     visits: BTreeMap<String, String>,
@@ -25,7 +25,7 @@ fn text<T: serde::Serialize>(row: &T) -> String {
 }
 
 impl Rows {
-    fn write(&mut self, change: &Change) {
+    pub(super) fn write(&mut self, change: &Change) {
         self.trials.extend(change.trials.iter().map(|trial| (trial.number, text(trial))));
         self.states.extend(change.states.iter().map(|state| (state.id, text(state))));
         change.forgotten.iter().for_each(|client_id| drop(self.visits.remove(client_id)));
@@ -37,24 +37,35 @@ impl Rows {
         raw.check(&tuner.spec().space).expect("a valid configuration")
     }
 
-    fn restore(&self, tuner: &Tuner, checkpoint: Option<&Checkpoint>) -> Tuner {
-        // The specification takes the way through text as well.
-        let spec: StudySpec = serde_json::from_str(&text(tuner.spec().as_ref())).expect("own row");
-        assert_eq!(&spec, tuner.spec().as_ref());
+    /// All trials, the completed ones by rising completion.
+    pub(super) fn trials(&self, tuner: &Tuner) -> Vec<Trial> {
         let mut trials: Vec<Trial> = self.trials.keys().map(|&number| self.trial(tuner, number)).collect();
         trials.sort_by_key(|trial| trial.completion);
+        trials
+    }
+
+    pub(super) fn snapshot(&self, tuner: &Tuner) -> Snapshot {
         let visit = |row: &String| {
             let raw: RawVisit = serde_json::from_str(row).expect("own row");
-            raw.adopt(&EarlierSpaces::default(), &spec.space).expect("a valid configuration").expect("inside")
+            let adopted = raw.adopt(&EarlierSpaces::default(), &tuner.spec().space);
+            adopted.expect("a valid configuration").expect("inside")
         };
-        let snapshot = Snapshot {
+        Snapshot {
             states: self.states.values().map(|row| serde_json::from_str(row).expect("own row")).collect(),
             visits: self.visits.values().map(visit).collect(),
             last_trial: self.trials.keys().next_back().copied().unwrap_or(0),
             models_since: tuner.models_since(),
-        };
+        }
+    }
+
+    pub(super) fn restore(&self, tuner: &Tuner, checkpoint: Option<&Checkpoint>) -> Tuner {
+        // The specification takes the way through text as well.
+        let spec: StudySpec = serde_json::from_str(&text(tuner.spec().as_ref())).expect("own row");
+        assert_eq!(&spec, tuner.spec().as_ref());
+        let snapshot = self.snapshot(tuner);
         let mut restoring = Restoring::new(Arc::new(spec), snapshot, checkpoint).expect("consistent rows");
-        let (completed, open): (Vec<Trial>, Vec<Trial>) = trials
+        let (completed, open): (Vec<Trial>, Vec<Trial>) = self
+            .trials(tuner)
             .into_iter()
             .filter(|trial| matches!(trial.state, TrialState::Open | TrialState::Completed))
             .partition(|trial| trial.state == TrialState::Completed);

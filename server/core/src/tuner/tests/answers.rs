@@ -31,10 +31,8 @@ impl RandomWorld {
         let states = (0..count).map(|_| (random.random(), random.random())).collect();
         let (noise, limit) =
             ([0.0, 0.03, 0.25][random.random_range(0..3)], (random.random_range(2.0..9.0), random.random()));
-        let spec = StudySpec { seed, ..spec(policy) };
-        let tuner = Tuner::new(Arc::new(spec)).expect("valid");
         RandomWorld {
-            tuner,
+            tuner: seeded(seed, policy),
             random,
             states,
             noise,

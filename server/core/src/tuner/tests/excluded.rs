@@ -4,47 +4,19 @@ use proptest::prelude::*;
 
 use super::*;
 use crate::testing::cases;
-
-/// The rows of a study, as a store keeps them.
-#[derive(Default)]
-struct Stored {
-    states: BTreeMap<u64, StateRecord>,
-    visits: BTreeMap<String, Visit>,
-    completed: Vec<Trial>,
-}
-
-impl Stored {
-    fn write(&mut self, change: Change) {
-        self.states.extend(change.states.into_iter().map(|state| (state.id, state)));
-        change.forgotten.iter().for_each(|client_id| drop(self.visits.remove(client_id)));
-        self.visits.extend(change.visits.into_iter().map(|visit| (visit.client_id.clone(), visit)));
-        let completed = change.trials.into_iter().filter(|trial| trial.state == TrialState::Completed);
-        self.completed.extend(completed);
-    }
-
-    fn restored(&self, tuner: &Tuner, trials: Vec<Trial>) -> Tuner {
-        let snapshot = Snapshot {
-            states: self.states.values().cloned().collect(),
-            visits: self.visits.values().cloned().collect(),
-            last_trial: tuner.statistics().trials,
-            models_since: tuner.models_since(),
-        };
-        Tuner::restore(tuner.spec().clone(), snapshot, trials).expect("consistent")
-    }
-}
+use crate::tuner::replay_tests::Rows;
 
 /// A study after some frames in three states, of which one was measured far too fast.
-fn disturbed(policy: Policy, frames: usize, disturbed: usize) -> (Tuner, Stored) {
-    let (mut tuner, mut stored) = (tuner(policy), Stored::default());
+fn disturbed(policy: Policy, frames: usize, disturbed: usize) -> (Tuner, Rows) {
+    let (mut tuner, mut rows) = (tuner(policy), Rows::default());
     for frame in 0..frames {
         let place = 0.3 * (frame / 7 % 3) as f64;
         let (trial, handed) = tuner.suggest(&ask("a", place, 0.5), 0).expect("valid");
-        stored.write(handed);
+        rows.write(&handed);
         let ms = if frame == disturbed { 1e-3 } else { cost(&trial) };
-        let reported = tuner.report(&trial, measured(ms), Outcome::Ok, 1).expect("valid");
-        stored.write(reported.1);
+        rows.write(&tuner.report(&trial, measured(ms), Outcome::Ok, 1).expect("valid").1);
     }
-    (tuner, stored)
+    (tuner, rows)
 }
 
 proptest! {
@@ -61,18 +33,19 @@ proptest! {
         let policy = [explore_always(), half, models][which].clone();
         // Not the last one: the counts are read from it.
         let at = (at * (frames - 1) as f64) as usize;
-        let (mut tuner, mut stored) = disturbed(policy, frames, at);
-        let number = stored.completed[at].number;
-        let state_id = stored.completed[at].state_id;
-        stored.write(tuner.disown(state_id));
+        let (mut tuner, mut rows) = disturbed(policy, frames, at);
+        let mut marked = rows.trials(&tuner);
+        let (number, state_id) = (marked[at].number, marked[at].state_id);
+        rows.write(&tuner.disown(state_id));
         let exploits = |visit: &Visit| matches!(visit.decision, VisitDecision::Exploit { .. });
         let rests = |visit: &Visit| visit.state_id == state_id && exploits(visit);
-        prop_assert!(!stored.visits.values().any(rests), "it is decided anew");
-        let (mut marked, mut without) = (stored.completed.clone(), stored.completed.clone());
+        prop_assert!(!rows.snapshot(&tuner).visits.iter().any(rests), "it is decided anew");
+        let mut without = marked.clone();
         marked[at].exclusion = Some("the machine was disturbed".to_owned());
         without.remove(at);
-        let mut excluded = stored.restored(&tuner, marked);
-        let mut never = stored.restored(&tuner, without);
+        let [mut excluded, mut never] = [marked, without].map(|trials| {
+            Tuner::restore(tuner.spec().clone(), rows.snapshot(&tuner), trials).expect("consistent")
+        });
         prop_assert_eq!(excluded.learnt().checkpoint(), never.learnt().checkpoint());
         prop_assert_eq!(excluded.statistics(), tuner.statistics());
         for _ in 0..6 {

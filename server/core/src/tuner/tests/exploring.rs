@@ -158,8 +158,7 @@ fn exploring_pays_off() {
         let mut all: Vec<f64> = (0..31)
             .map(|seed| {
                 let policy = Policy { search, trials_per_state: 80, ..explore_always() };
-                let spec = StudySpec { seed, ..spec(policy) };
-                let mut tuner = Tuner::new(Arc::new(spec)).expect("valid");
+                let mut tuner = seeded(seed, policy);
                 let trials = run(&mut tuner, "a", 0.5, 0.5, 80);
                 // The default costs 30.25; the optimum is 12.75.
                 assert_eq!(trials[0].cost, Some(30.25));

@@ -59,8 +59,7 @@ impl Node {
 const TRIALS: u32 = 48;
 
 fn study(seed: u64) -> Tuner {
-    let policy = Policy { trials_per_state: TRIALS, ..explore_always() };
-    Tuner::new(Arc::new(StudySpec { seed, ..spec(policy) })).expect("valid")
+    seeded(seed, Policy { trials_per_state: TRIALS, ..explore_always() })
 }
 
 /// Three machines that differ by a factor only have searched the state to the end.

@@ -63,6 +63,10 @@ fn tuner(policy: Policy) -> Tuner {
     Tuner::new(Arc::new(spec(policy))).expect("a valid specification")
 }
 
+fn seeded(seed: u64, policy: Policy) -> Tuner {
+    Tuner::new(Arc::new(StudySpec { seed, ..spec(policy) })).expect("a valid specification")
+}
+
 pub(super) fn ask(client: &str, x: f64, y: f64) -> Ask {
     let indicators = BTreeMap::from([("x".to_owned(), x), ("y".to_owned(), y)]);
     Ask { client_id: client.into(), indicators, ..Ask::default() }
@@ -74,11 +78,16 @@ pub(super) fn measured(render_ms: f64) -> BTreeMap<String, f64> {
 
 /// A cost that wants wide nodes, small leaves and a travel cost that follows `x`.
 pub(super) fn cost(trial: &Trial) -> f64 {
-    let number = |name: &str| trial.configuration.get(name).and_then(Value::as_number).unwrap_or(0.0);
+    cost_at(&trial.configuration, trial.indicators["x"])
+}
+
+/// That cost of a configuration at an `x`.
+fn cost_at(configuration: &Configuration, x: f64) -> f64 {
+    let number = |name: &str| configuration.get(name).and_then(Value::as_number).unwrap_or(0.0);
     20.0 - number("width")
         + number("max_leaf_size") * 0.5
         + number("min_leaf_size") * 0.25
-        + (number("travel_cost") - 10.0 * trial.indicators["x"]).abs()
+        + (number("travel_cost") - 10.0 * x).abs()
 }
 
 fn suggest(tuner: &mut Tuner, client: &str, x: f64, y: f64) -> Trial {

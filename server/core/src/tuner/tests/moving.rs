@@ -16,8 +16,7 @@ fn truth(configuration: &Configuration) -> f64 {
 /// Plays a search with its confirmation while the indicators move, and costs by up to 13 % with them. Returns
 /// the true gain of the answer and whether all was one state.
 fn gain(seed: u64, moves: bool) -> (f64, bool) {
-    let spec = StudySpec { seed, ..spec(Policy { epsilon: 1.0, trials_per_state: 60, ..Policy::default() }) };
-    let mut tuner = Tuner::new(Arc::new(spec)).expect("valid");
+    let mut tuner = seeded(seed, Policy { epsilon: 1.0, trials_per_state: 60, ..Policy::default() });
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     for frame in 0..160 {
         let mut step = || if moves && frame > 0 { 2.0 * random.random::<f64>() - 1.0 } else { 0.0 };

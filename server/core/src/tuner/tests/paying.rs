@@ -180,9 +180,7 @@ fn a_state_that_nobody_met_is_answered_with_what_serves_the_others_best() {
     finish(&mut tuner, &first, Outcome::Ok);
     assert_eq!(suggest(&mut tuner, "b", 0.95, 0.9).mode(), Mode::Default);
     // And it is better there than the default is.
-    let at = |configuration: &Configuration| {
-        cost(&Trial { configuration: configuration.clone(), ..first.clone() })
-    };
+    let at = |configuration: &Configuration| cost_at(configuration, 0.95);
     assert!(at(&answer.configuration) < at(&tuner.spec().space.default_configuration()));
     // A prediction takes its place only where it is better still.
     assert!(at(&predicted.configuration) <= at(&answer.configuration), "{}", predicted.reason().summary);

@@ -7,6 +7,7 @@ use rand_chacha::ChaCha8Rng;
 use super::*;
 use crate::randomness::standard_normal as normal;
 use crate::standing::ConfirmationStage;
+use crate::tuner::replay_tests::Rows;
 
 const NOISE: f64 = 0.07;
 
@@ -45,11 +46,7 @@ fn searched(seed: u64, auxiliary: bool, truth: impl Fn(&Trial) -> f64, wall: imp
 }
 
 fn cost_of(ended: &Ended) -> f64 {
-    let trial = Trial {
-        configuration: ended.best.configuration.clone(),
-        ..ended.tuner.clone().suggest(&ask("b", 0.5, 0.5), 0).expect("valid").0
-    };
-    cost(&trial)
+    cost_at(&ended.best.configuration, 0.5)
 }
 
 #[test]
@@ -140,34 +137,23 @@ fn processor_time_tells_load_from_cost() {
 fn a_race_survives_a_restart_and_clients_that_never_come_back() {
     let policy = Policy { epsilon: 1.0, trials_per_state: 12, ..Policy::default() };
     let mut tuner = tuner(policy);
-    let mut states = BTreeMap::new();
-    let (mut completed, mut raced) = (Vec::new(), 0);
+    let (mut rows, mut raced) = (Rows::default(), 0);
     for frame in 0..100 {
         let (trial, handed) = tuner.suggest(&ask("a", 0.5, 0.5), 0).expect("valid");
-        states.extend(handed.states.into_iter().map(|state| (state.id, state)));
-        let last = trial.number;
+        rows.write(&handed);
         let rule = trial.reason().explanation.rule;
         if rule == Some(Rule::Finished) {
             break;
         }
         raced += u32::from(rule == Some(Rule::Confirming));
         if frame % 5 == 4 {
-            let (_, change) = tuner.abandon(&trial).expect("open");
-            states.extend(change.states.into_iter().map(|state| (state.id, state)));
+            rows.write(&tuner.abandon(&trial).expect("open").1);
             continue;
         }
         let noise = 1.0 + 0.01 * (frame % 3) as f64;
         let report = tuner.report(&trial, measured(noise * cost(&trial)), Outcome::Ok, 1);
-        let (trial, change) = report.expect("valid");
-        states.extend(change.states.into_iter().map(|state| (state.id, state)));
-        completed.push(trial);
-        let snapshot = Snapshot {
-            states: states.values().cloned().collect(),
-            visits: vec![tuner.visits.of("a").expect("it is there").clone()],
-            last_trial: last,
-            models_since: 0,
-        };
-        let restored = Tuner::restore(tuner.spec().clone(), snapshot, completed.clone()).expect("consistent");
+        rows.write(&report.expect("valid").1);
+        let restored = rows.restore(&tuner, None);
         let next = |tuner: &Tuner| tuner.clone().suggest(&ask("a", 0.5, 0.5), 0).expect("valid").0;
         assert_eq!(next(&restored), next(&tuner), "frame {frame}");
         assert_eq!(restored.best(None, None), tuner.best(None, None));

@@ -141,9 +141,7 @@ fn exact_costs_are_not_measured_again_and_again() {
 #[test]
 fn a_budget_counts_runs() {
     for seed in 0..4 {
-        let spec =
-            StudySpec { seed, ..spec(Policy { epsilon: 1.0, trials_per_state: 30, ..Policy::default() }) };
-        let mut tuner = Tuner::new(Arc::new(spec)).expect("valid");
+        let mut tuner = seeded(seed, Policy { epsilon: 1.0, trials_per_state: 30, ..Policy::default() });
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         let mut searched = 0;
         for _ in 0..200 {

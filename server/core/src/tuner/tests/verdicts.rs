@@ -57,8 +57,7 @@ struct Played {
 fn played(seed: u64) -> Played {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let world = World::drawn(&mut random);
-    let spec = StudySpec { seed, ..spec(Policy { epsilon: 1.0, trials_per_state: 40, ..Policy::default() }) };
-    let mut tuner = Tuner::new(Arc::new(spec)).expect("valid");
+    let mut tuner = seeded(seed, Policy { epsilon: 1.0, trials_per_state: 40, ..Policy::default() });
     let (mut busy, mut until) = (random.random_range(0..=world.busy_max), 0);
     let (mut quiet, mut frames) = (0.0, 0.0);
     for frame in 0..400 {
@@ -136,7 +135,7 @@ fn in_a_flat_study_nothing_is_proven_better() {
     let (mut verdicts, mut incumbents) = (BTreeMap::<&str, u32>::new(), 0);
     for seed in 0..3 {
         let policy = Policy { epsilon: 1.0, trials_per_state: 16, ..Policy::default() };
-        let mut tuner = Tuner::new(Arc::new(StudySpec { seed, ..spec(policy) })).expect("valid");
+        let mut tuner = seeded(seed, policy);
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         for state in 0..12 {
             let (x, y) = (0.15 * f64::from(state % 4), 0.2 * f64::from(state / 4));
