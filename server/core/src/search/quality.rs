@@ -1,52 +1,12 @@
-//! The quality of searches: against random sampling under noise, in listed numbers and where nothing can be
-//! run. Everything is seeded; the bounds leave room for other seeds.
+//! The quality of searches in listed numbers and where nothing can be run. Everything is seeded; the bounds
+//! leave room for other seeds.
 
 use std::collections::BTreeMap;
-
-use rand::RngExt;
-use rand::SeedableRng;
-use rand_chacha::ChaCha8Rng;
 
 use super::*;
 use crate::policy::SearchMethod;
 use crate::robust::median;
 use crate::value::Value;
-
-/// Best noise-free cost among `budget` points, where each measurement is off by up to 5 %.
-fn best_on_quadratic(method: SearchMethod, seed: u64, dimension: usize, budget: u32) -> f64 {
-    let mut search =
-        AnySearch::new(method, SearchSetup::plain(seed, vec![0.9; dimension], budget, Vec::new()));
-    let mut noise = ChaCha8Rng::seed_from_u64(seed);
-    // A bowl 10 high at its bottom, off the centre and with axes of unequal weight.
-    let truth = |x: &[f64]| {
-        let term = |(axis, x): (usize, &f64)| (1.0 + axis as f64) * (x - 0.2 - 0.05 * axis as f64).powi(2);
-        10.0 + 40.0 * x.iter().enumerate().map(term).sum::<f64>()
-    };
-    let mut best = (f64::INFINITY, f64::INFINITY);
-    for _ in 0..budget {
-        let point = search.ask().expect("nothing is out");
-        let cost = truth(&point.x);
-        let measured = cost * (0.95 + 0.1 * noise.random::<f64>());
-        if measured < best.0 {
-            best = (measured, cost);
-        }
-        search.tell(point.id, Feedback { verdict: Verdict::Cost(measured), fresh: true });
-    }
-    best.1 - 10.0
-}
-
-#[test]
-fn eighty_noisy_trials_come_far_closer_than_random_sampling() {
-    for (dimension, ratio) in [(3, 4.0), (5, 8.0), (8, 5.0), (11, 4.0)] {
-        let excess = |method| {
-            median(
-                &mut (0..31).map(|seed| best_on_quadratic(method, seed, dimension, 80)).collect::<Vec<_>>(),
-            )
-        };
-        let (simplex, random) = (excess(SearchMethod::NelderMead), excess(SearchMethod::Random));
-        assert!(simplex * ratio < random, "{dimension}: simplex {simplex}, random {random}");
-    }
-}
 
 /// The trials until a search has met the best of 16 values beside 16 others, where more is better, from the
 /// lowest.

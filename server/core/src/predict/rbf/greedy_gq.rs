@@ -166,21 +166,6 @@ mod tests {
         crate::predict::tests::space(3)
     }
 
-    #[test]
-    fn the_update_is_the_papers() {
-        let (space, mut model) = (space(), Rbf::new(3, 2, 1, &[]));
-        let (state, point) = ([0.3, 0.6], [0.1, 0.9, 0.5]);
-        let configuration = space.decode(&point);
-        let mut phi = Vec::new();
-        model.basis.features(&model.basis.state_2(&state), &model.basis.action_2(&point), &mut phi);
-        model.learn(&lesson(&state, &configuration, &point, Verdict::Cost(4.0)));
-        let square: f64 = phi.iter().map(|phi| phi * phi).sum();
-        let alpha = ALPHA.min(1.0 / square);
-        for (theta, phi) in model.theta.iter().zip(&phi) {
-            assert!((theta - alpha * 0.25 * phi).abs() < 1e-15);
-        }
-    }
-
     /// A second implementation, slow and plain: coefficients are trained one trial after the other, and the
     /// answer is the tried configuration of the highest value.
     #[test]

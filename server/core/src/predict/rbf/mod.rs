@@ -140,16 +140,4 @@ mod tests {
         assert_eq!(exp_minus(0.0), 1.0);
         assert!(exp_minus(f64::MAX) > 0.0);
     }
-
-    #[test]
-    fn features_are_the_papers_formula() {
-        let basis = Basis::new(2, 1, 5, &[]);
-        let (state, point, mut phi) = ([0.3], [0.1, 0.8], Vec::new());
-        basis.features(&basis.state_2(&state), &basis.action_2(&point), &mut phi);
-        assert_eq!(phi.len(), 11);
-        for ((s, a), phi) in basis.centres.iter().zip(&phi) {
-            let norm = ((0.3 - s[0]).powi(2) + (0.1 - a[0]).powi(2) + (0.8 - a[1]).powi(2)).sqrt();
-            assert!((phi - (-norm).exp()).abs() < 1e-12);
-        }
-    }
 }

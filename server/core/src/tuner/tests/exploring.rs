@@ -84,17 +84,6 @@ fn clients_share_a_search_without_sharing_a_point_and_nobody_waits() {
 }
 
 #[test]
-fn an_infeasible_default_is_explored_away_from_even_without_dice() {
-    let mut tuner = tuner(exploit_always());
-    let first = suggest(&mut tuner, "a", 0.5, 0.5);
-    assert_eq!(first.mode(), Mode::Default);
-    finish(&mut tuner, &first, infeasible());
-    let second = suggest(&mut tuner, "a", 0.5, 0.5);
-    assert_eq!(second.mode(), Mode::Explore);
-    assert_ne!(second.configuration, first.configuration);
-}
-
-#[test]
 fn a_failure_is_tried_again_but_not_for_ever() {
     let mut tuner = tuner(explore_always());
     let failed = || Outcome::Failed { reason: "out of memory elsewhere".into() };

@@ -96,17 +96,6 @@ fn a_drifting_client_keeps_its_state_while_the_anchor_matches() {
 }
 
 #[test]
-fn a_study_without_indicators_has_one_state() {
-    let mut spec = spec(explore_always());
-    spec.indicators = IndicatorSchema::default();
-    let mut tuner = Tuner::new(Arc::new(spec)).expect("valid");
-    for client in ["a", "b"] {
-        let ask = Ask { client_id: client.into(), ..Ask::default() };
-        assert_eq!(tuner.suggest(&ask, 0).expect("valid").0.state_id, 1);
-    }
-}
-
-#[test]
 fn malformed_questions_and_reports_change_nothing() {
     let mut tuner = tuner(explore_always());
     for client in ["", "tab\there", &"c".repeat(129)] {
