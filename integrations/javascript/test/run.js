@@ -23,6 +23,7 @@ const spec = {
   limits: { ms: { atLeast: 0, atMost: 30 } },
   policy: { epsilon: 0.5, confirm_rounds: 0 },
 };
+const parameters = [{ name: "level", type: "integer", min: 1, max: 9, default: 5 }];
 const rejects = (promise, kind, words) =>
   assert.rejects(promise, (error) => error instanceof TreewrightError && error.kind === kind && error.message.includes(words));
 
@@ -69,8 +70,7 @@ async function trials() {
   assert.ok((await study.predict(input)).configuration.leaf >= 1);
   await rejects(study.trialOf({ leaf: 99 }, input), "refused", "leaf");
   await rejects(client.study("bad", { ...spec, minimise: {} }), "refused", "objective");
-  const level = [{ name: "level", type: "integer", min: 1, max: 9, default: 5 }];
-  const rate = await client.study("node-rate", { parameters: level, maximise: { fps: 1000 } });
+  const rate = await client.study("node-rate", { parameters, maximise: { fps: 1000 } });
   (await rate.suggest({})).report({ fps: 50 });
   for (const fps of [0, 1e-320]) {
     const still = await rate.suggest({});
@@ -89,7 +89,7 @@ async function trials() {
   await client.study("node-steps", { parameters: [tile], constraints: ["tile % 16 == 0"], minimise });
   for (const [ends, words] of [[{ min: 1.5 }, "min is 1.5"], [{ max: 64.25 }, "max is 64.25"], [{ max: "64" }, "max is 64"], [{ max: 2 ** 53 }, "max is 9007"]])
     await rejects(client.study("bad", { parameters: [{ ...tile, ...ends }], minimise }), "invalid", `parameter tile: ${words}`);
-  const sum = await client.study("node-sum", { parameters: level, minimise: { ms: 1, mb: 1 } });
+  const sum = await client.study("node-sum", { parameters, minimise: { ms: 1, mb: 1 } });
   const huge = await sum.suggest({});
   assert.throws(() => huge.report({ ms: 1e308, mb: 1e308 }), /sum of the measurements is not finite/);
   assert.throws(() => huge.report({ ms: 1, mb: 1 }), /already/);
@@ -164,15 +164,27 @@ async function withoutDaemon() {
   for (const host of ["localhost", "127.0.0.1", "127.1.2.3", "[::1]"]) new Client(`http://${host}:1`, { token: "x" }).close();
 }
 
-/** A daemon of these answers. */
-async function served(handlers) {
+/** A client of a daemon with these answers, and the end of both. All other studies and trials are of one level. */
+async function served(handlers, options = {}) {
+  const usual = {
+    CreateStudy: ({ request: { studyId, study } }, answer) => answer(null, { name: `studies/${studyId}`, objective: study.objective }),
+    Suggest: ({ request: { study } }, answer) =>
+      answer(null, { name: `${study}/trials/1`, configuration: { values: { level: { integer: "5" } } } }),
+    Report: (call, answer) => answer(null, {}),
+    AbandonTrial: (call, answer) => answer(null, {}),
+  };
   const server = new grpc.Server();
-  server.addService(Client.Service.service, handlers);
+  server.addService(Client.Service.service, { ...usual, ...handlers });
   const bind = (resolve, reject) => (error, port) => (error ? reject(error) : resolve(port));
   const port = await new Promise((resolve, reject) =>
     server.bindAsync("127.0.0.1:0", grpc.ServerCredentials.createInsecure(), bind(resolve, reject)),
   );
-  return { server, address: `http://127.0.0.1:${port}` };
+  const client = new Client(`http://127.0.0.1:${port}`, { deadlineMs: 20000, callDeadlineMs: 20000, ...options });
+  const end = () => {
+    client.close();
+    server.forceShutdown();
+  };
+  return { client, end };
 }
 
 /** A daemon that answers as if it were still loading the study, so many times. */
@@ -187,7 +199,6 @@ async function whileTheStudyIsLoaded(times) {
     answer({ code: grpc.status.UNAVAILABLE, details: "study \"loading\" is being loaded; try again", metadata });
   };
   const handlers = {
-    CreateStudy: ({ request: { study } }, answer) => answer(null, { name: "studies/loading", objective: study.objective }),
     Suggest: onceLoaded(({ wanted, study }) => ({ name: `${study}/trials/1`, configuration: wanted })),
     Predict: onceLoaded(() => ({
       configuration: { values: { leaf: { integer: "5" } } },
@@ -196,10 +207,8 @@ async function whileTheStudyIsLoaded(times) {
       reason: { summary: "Predicted, not measured here" },
     })),
     GetBest: onceLoaded(() => ({ configuration: { values: { leaf: { integer: "6" } } }, cost: 1.5 })),
-    AbandonTrial: (call, answer) => answer(null, {}),
   };
-  const { server, address } = await served(handlers);
-  const client = new Client(address, { callDeadlineMs: 20000 });
+  const { client, end } = await served(handlers);
   const study = await client.study("loading", spec);
   const own = await study.trialOf({ leaf: 3, split: "median", budget: 2, compact: false, "block-size": 24 }, { triangles: 1000 });
   assert.deepEqual([own.configuration.leaf, asked], [3, times + 1]);
@@ -215,8 +224,7 @@ async function whileTheStudyIsLoaded(times) {
   [asked, times] = [0, Infinity];
   await rejects(study.trialOf({ leaf: 3, split: "median", budget: 2, compact: false, "block-size": 24 }, { triangles: 1000 }), "unreachable", "is being loaded");
   assert.ok(asked >= 1);
-  client.close();
-  server.forceShutdown();
+  end();
 }
 
 /** A loop keeps a trial for its frames without asking, and reports their means; it renews the lease meanwhile. */
@@ -224,7 +232,6 @@ async function inEpisodes() {
   const [reports, given, renewed] = [[], [], []];
   let asked = 0;
   const handlers = {
-    CreateStudy: ({ request: { studyId, study } }, answer) => answer(null, { name: `studies/${studyId}`, objective: study.objective }),
     Suggest: ({ request: { study } }, answer) => {
       asked += 1;
       // For a daemon whose clock is behind, a lease seems to have ended.
@@ -244,9 +251,7 @@ async function inEpisodes() {
       answer(null, {});
     },
   };
-  const { server, address } = await served(handlers);
-  const client = new Client(address, { deadlineMs: 20000 });
-  const parameters = [{ name: "level", type: "integer", min: 1, max: 9, default: 5 }];
+  const { client, end } = await served(handlers);
   const indicators = { triangles: [0, 1e6, "log"] };
   const study = await client.study("long", { parameters, indicators, minimise: { ms: 1 }, episodeFrames: 5 });
   const [tuner, input] = [study.tuner(), { triangles: 1000 }];
@@ -283,8 +288,7 @@ async function inEpisodes() {
   await client.flush(20000);
   for (const episodeFrames of [0, 1.5, 65])
     await rejects(client.study("long", { parameters, minimise: { ms: 1 }, episodeFrames }), "invalid", "give 1 to 64");
-  client.close();
-  server.forceShutdown();
+  end();
 }
 
 /** A daemon of before there were maximised metrics and limits: it drops the fields, and would minimise the rate. */
@@ -300,11 +304,8 @@ async function byAnOlderDaemon() {
       asked += 1;
       answer(null, { name: `${study}/trials/1`, configuration: { values: { level: { integer: "5" } } } });
     },
-    AbandonTrial: (call, answer) => answer(null, {}),
   };
-  const { server, address } = await served(handlers);
-  const client = new Client(address, { deadlineMs: 20000, callDeadlineMs: 20000 });
-  const parameters = [{ name: "level", type: "integer", min: 1, max: 9, default: 5 }];
+  const { client, end } = await served(handlers);
   const rate = { parameters, maximise: { fps: 1000 } };
   await rejects(client.study("rate", rate), "invalid", "knows no maximised metrics");
   const limited = { parameters, minimise: { ms: 1 }, limits: { mb: { atMost: 99 } } };
@@ -323,48 +324,33 @@ async function byAnOlderDaemon() {
   assert.deepEqual([fallback.source, fallback.configuration, asked], ["default", { level: 5 }, 1]);
   assert.match(fallback.problem, /knows no maximised metrics/);
   await client.flush(20000);
-  client.close();
-  server.forceShutdown();
+  end();
 }
 
 /** A daemon with a defect: what it never takes is given up, and does not hold up what comes after it. */
 async function byADefectiveDaemon() {
   let reports = 0;
   const handlers = {
-    CreateStudy: (call, answer) => answer(null, { name: "studies/defect" }),
-    Suggest: ({ request: { study } }, answer) =>
-      answer(null, { name: `${study}/trials/1`, configuration: { values: { level: { integer: "5" } } } }),
     Report: (call, answer) => {
       reports += 1;
       answer({ code: grpc.status.UNKNOWN, details: "it stumbled" });
     },
     AbandonTrial: (call, answer) => answer({ code: grpc.status.NOT_FOUND, details: "there is no such trial" }),
   };
-  const { server, address } = await served(handlers);
-  const client = new Client(address, { deadlineMs: 20000 });
-  const parameters = [{ name: "level", type: "integer", min: 1, max: 9, default: 5 }];
+  const { client, end } = await served(handlers);
   const study = await client.study("defect", { parameters, minimise: { ms: 1 } });
   const [reported, abandoned] = [await study.suggest(), await study.suggest()];
   reported.report({ ms: 1 });
   abandoned.abandon();
   await client.flush(60000);
   assert.deepEqual([reports, client.stats.refused, client.stats.queued], [8, 1, 0], JSON.stringify(client.stats));
-  client.close();
-  server.forceShutdown();
+  end();
 }
 
 /** Every report counts once, also where the queue is full and where the client is closed. */
 async function closedWhileReportsWait() {
   const answers = [];
-  const handlers = {
-    CreateStudy: (call, answer) => answer(null, { name: "studies/closed" }),
-    Suggest: ({ request: { study } }, answer) =>
-      answer(null, { name: `${study}/trials/1`, configuration: { values: { level: { integer: "5" } } } }),
-    Report: (call, answer) => answers.push(answer),
-  };
-  const { server, address } = await served(handlers);
-  const client = new Client(address, { deadlineMs: 20000, callDeadlineMs: 20000, queue: 1 });
-  const parameters = [{ name: "level", type: "integer", min: 1, max: 9, default: 5 }];
+  const { client, end } = await served({ Report: (call, answer) => answers.push(answer) }, { queue: 1 });
   const study = await client.study("closed", { parameters, minimise: { ms: 1 } });
   const suggestions = [await study.suggest(), await study.suggest(), await study.suggest()];
   const counts = () => [client.stats.acknowledged, client.stats.refused, client.stats.dropped, client.stats.queued];
@@ -379,7 +365,7 @@ async function closedWhileReportsWait() {
   answers[0](null, {});
   await new Promise((resolve) => setTimeout(resolve, 200));
   assert.deepEqual([...counts(), answers.length], [0, 0, 3, 0, 1]);
-  server.forceShutdown();
+  end();
 }
 
 /** A daemon that takes no reports, and one that comes late: calls end within their deadline, and the study is created then. */
@@ -388,15 +374,11 @@ async function byADaemonThatComesLate() {
   const away = { code: grpc.status.UNAVAILABLE, details: "it is not there yet" };
   const handlers = {
     CreateStudy: (call, answer) => (isThere ? answer(null, { name: "studies/late" }) : answer(away)),
-    Suggest: ({ request: { study } }, answer) =>
-      answer(null, { name: `${study}/trials/1`, configuration: { values: { level: { integer: "5" } } } }),
     Report: (call, answer) => answer(away),
     Predict: (call, answer) => answer(null, { configuration: { values: { level: { integer: "6" } } } }),
     GetBest: (call, answer) => answer(null, { configuration: { values: { level: { integer: "7" } } }, cost: 1.5 }),
   };
-  const { server, address } = await served(handlers);
-  const client = new Client(address, { deadlineMs: 20000, callDeadlineMs: 2000 });
-  const parameters = [{ name: "level", type: "integer", min: 1, max: 9, default: 5 }];
+  const { client, end } = await served(handlers, { callDeadlineMs: 2000 });
   const [one, other] = [await client.study("late", { parameters, minimise: { ms: 1 } }), await client.study("late", { parameters, minimise: { ms: 1 } })];
   isThere = true;
   assert.equal((await one.predict()).configuration.level, 6);
@@ -407,15 +389,13 @@ async function byADaemonThatComesLate() {
   const started = performance.now();
   await rejects(one.trialOf({ level: 3 }), "unreachable", "not acknowledged");
   assert.ok(performance.now() - started < 10000);
-  client.close();
-  server.forceShutdown();
+  end();
 }
 
 /** A newer daemon: a trial that this version cannot read is nothing to run, and given back. */
 async function byANewerDaemon() {
   const [unreadable, given] = [[{ values: { level: {} } }, undefined], []];
   const handlers = {
-    CreateStudy: (call, answer) => answer(null, { name: "studies/newer" }),
     Suggest: ({ request: { study } }, answer) =>
       answer(null, { name: `${study}/trials/${unreadable.length}`, configuration: unreadable.shift() }),
     AbandonTrial: ({ request: { trial } }, answer) => {
@@ -423,9 +403,7 @@ async function byANewerDaemon() {
       answer(null, {});
     },
   };
-  const { server, address } = await served(handlers);
-  const client = new Client(address, { deadlineMs: 20000 });
-  const parameters = [{ name: "level", type: "integer", min: 1, max: 9, default: 5 }];
+  const { client, end } = await served(handlers);
   const study = await client.study("newer", { parameters, minimise: { ms: 1 } });
   for (const problem of [/unknown kind/, /has no configuration/]) {
     const suggestion = await study.suggest();
@@ -434,14 +412,12 @@ async function byANewerDaemon() {
   }
   await client.flush(20000);
   assert.deepEqual(given, ["studies/newer/trials/2", "studies/newer/trials/1"]);
-  client.close();
-  server.forceShutdown();
+  end();
 }
 
 /** A program of before goes on in the space that it knows, and one of today gets the new parameter. */
 async function acrossAChangeOfTheSpace() {
   const client = new Client(url, { clientId: "node-space", deadlineMs: 20000 });
-  const parameters = [{ name: "level", type: "integer", min: 1, max: 9, default: 5 }];
   const before = await client.study("node-space", { parameters, minimise: { ms: 1 } });
   const first = await before.suggest();
   first.report({ ms: 5 });
@@ -538,9 +514,7 @@ async function frontsOfStoredTrials() {
       answer(null, { trials: trials.slice(end - perPage, end), nextPageToken: end < trials.length ? `${end}` : "" });
     },
   };
-  const { server, address } = await served(handlers);
-  const client = new Client(address, { callDeadlineMs: 20000 });
-  const parameters = [{ name: "level", type: "integer", min: 1, max: 9, default: 5 }];
+  const { client, end } = await served(handlers);
   const study = await client.study("box", { parameters, minimise: { time_ms: 1 } });
   for (box.displayName of [undefined, "a box", "front of the house, its back"]) await rejects(study.front(), "invalid", "was made for none");
   box.displayName = "front of time_ms, mb";
@@ -569,13 +543,11 @@ async function frontsOfStoredTrials() {
   const staircase = all.slice(1).reduce((sum, each) => sum + (1 - 1 / (each - 1)) / 20000, 0);
   assert.ok(large.points.length === 20000 && Math.abs(large.hypervolume - staircase) < 1e-9, `${large.hypervolume} and ${staircase}`);
   assert.ok(performance.now() - started < 5000);
-  client.close();
-  server.forceShutdown();
+  end();
 }
 
 /** A program that knows an earlier space still has the default beside its front, as it is in the present one. */
 async function aFrontOfAnEarlierSpace() {
-  const parameters = [{ name: "level", type: "integer", min: 1, max: 9, default: 5 }];
   const [level, threads] = ["level", "threads"].map((name) => ({ name, integer: { min: 1, max: 9 }, defaultValue: { integer: 5 } }));
   const wider = { name: "studies/wider", displayName: "front of time_ms, mb", space: { parameters: [level, threads] } };
   const trial = (number, level, time_ms) => ({
@@ -587,24 +559,19 @@ async function aFrontOfAnEarlierSpace() {
     GetStudy: (call, answer) => answer(null, { ...wider, spaceRevision: 2 }),
     QueryTrials: (call, answer) => answer(null, { trials: [trial(1, 5, 4), trial(2, 1, 2)] }),
   };
-  const { server, address } = await served(handlers);
-  const client = new Client(address, { callDeadlineMs: 20000 });
+  const { client, end } = await served(handlers);
   const found = (await Front.open(client, "wider", { parameters, metrics: ["time_ms", "mb"], trials: 0 })).found();
   assert.deepEqual([found.default?.configuration, found.points[0].ratios?.time_ms], [{ level: 5, threads: 5 }, 0.5]);
-  client.close();
-  server.forceShutdown();
+  end();
 }
 
 /** The best has the status that every other surface has, and the ends of a rate's interval in their order. */
 async function statuses() {
   let standing;
   const handlers = {
-    CreateStudy: ({ request: { study } }, answer) => answer(null, { name: "studies/statuses", objective: study.objective }),
     GetBest: (call, answer) => answer(null, { configuration: { values: { level: { integer: "7" } } }, cost: 4, standing }),
   };
-  const { server, address } = await served(handlers);
-  const client = new Client(address, { callDeadlineMs: 20000 });
-  const parameters = [{ name: "level", type: "integer", min: 1, max: 9, default: 5 }];
+  const { client, end } = await served(handlers);
   const study = await client.study("statuses", { parameters, maximise: { fps: 1000 } });
   const gain = (probabilityBetter) => (probabilityBetter === undefined ? undefined : { share: 0.12, low: 0.1, high: 0.14, probabilityBetter });
   for (const [stage, byAll, byRounds, gainAtMost, status] of [
@@ -623,8 +590,7 @@ async function statuses() {
   }
   standing = undefined;
   assert.equal((await study.best()).valueLow, undefined);
-  client.close();
-  server.forceShutdown();
+  end();
 }
 
 /** While the daemon is away, what ran here is run again: its latest answer, else the cheapest; not what nobody ran or what failed. */
@@ -632,7 +598,6 @@ async function fallingBack() {
   const levels = ["3", "4", "2", "4", "6", "7", "8", "1", "9"].flatMap((level) => [level, undefined]);
   let asked = 0;
   const handlers = {
-    CreateStudy: (call, answer) => answer(null, { name: "studies/fallbacks" }),
     Suggest: ({ request: { study } }, answer) => {
       const level = levels[asked++];
       if (level === undefined) return answer({ code: grpc.status.UNAVAILABLE, details: "it is away" });
@@ -640,13 +605,10 @@ async function fallingBack() {
       const mode = level === "8" ? "MODE_EXPLOIT" : "MODE_EXPLORE";
       answer(null, { name: `${study}/trials/${asked}`, configuration, mode, fidelity: level === "2" ? "small" : "" });
     },
-    Report: (call, answer) => answer(null, {}),
-    AbandonTrial: (call, answer) => answer(null, {}),
   };
-  const { server, address } = await served(handlers);
-  const client = new Client(address, { deadlineMs: 20000 });
-  const parameters = [{ name: "level", type: "integer", min: 1, max: 9, default: 5, setup: true }];
-  const study = await client.study("fallbacks", { parameters, indicators: { size: [0, 100] }, minimise: { ms: 1 } });
+  const { client, end } = await served(handlers);
+  const prepared = { parameters: [{ ...parameters[0], setup: true }], indicators: { size: [0, 100] } };
+  const study = await client.study("fallbacks", { ...prepared, minimise: { ms: 1 } });
   const ends = [
     ["default", 5, [false, false], (suggestion) => suggestion.abandon()],
     ["last_good", 4, [false, true], (suggestion) => suggestion.report({ ms: 1 })],
@@ -679,8 +641,7 @@ async function fallingBack() {
     fallback.report({ ms: 2 });
   }
   await client.flush(20000);
-  client.close();
-  server.forceShutdown();
+  end();
 }
 
 // Its pauses take some seconds, in which the others run.
