@@ -50,25 +50,30 @@ async fn until(mut reached: impl FnMut() -> bool) {
 
 #[tokio::test]
 async fn a_study_is_held_by_one_replica_and_left_to_the_next() {
-    let database = Database::create().await;
-    let first = replica(&database, "http://first:1").await;
-    let second = replica(&database, "http://second:1").await;
-    first.create_study("hall", &spec(), 5).await.unwrap();
-    assert!(!second.create_study("hall", &spec(), 6).await.unwrap().is_new);
-    let held = first.load("hall").await.unwrap().fence;
-    for _ in 0..2 {
-        let error = second.load("hall").await.unwrap_err();
-        let address = "http://first:1".to_owned();
-        assert_eq!(error, StoreError::Elsewhere { study: "hall".to_owned(), address });
-    }
-    assert!(held.holds());
-    let last = first.commit(&held, &[change(vec![open(1)])]);
-    first.close().await;
-    assert_eq!(last.durable().await, Ok(()));
+    for is_killed in [false, true] {
+        let database = Database::create().await;
+        let first = replica(&database, "http://first:1").await;
+        let second = replica(&database, "http://second:1").await;
+        first.create_study("hall", &spec(), 5).await.unwrap();
+        assert!(!second.create_study("hall", &spec(), 6).await.unwrap().is_new);
+        let held = first.load("hall").await.unwrap().fence;
+        for _ in 0..2 {
+            let error = second.load("hall").await.unwrap_err();
+            let address = "http://first:1".to_owned();
+            assert_eq!(error, StoreError::Elsewhere { study: "hall".to_owned(), address });
+        }
+        assert!(held.holds());
+        let last = first.commit(&held, &[change(vec![open(1)])]);
+        if !is_killed {
+            first.close().await;
+        }
+        assert_eq!(last.durable().await, Ok(()));
+        drop(first);
 
-    let loaded = load_soon(&second, "hall").await;
-    assert_eq!(loaded.snapshot.last_trial, 1);
-    second.commit(&loaded.fence, &[change(vec![open(2)])]).durable().await.unwrap();
+        let loaded = load_soon(&second, "hall").await;
+        assert_eq!(loaded.snapshot.last_trial, 1);
+        second.commit(&loaded.fence, &[change(vec![open(2)])]).durable().await.unwrap();
+    }
 }
 
 #[tokio::test]
@@ -106,20 +111,6 @@ async fn a_question_that_is_not_answered_ends() {
     }
     execute(&mut other, "ROLLBACK").await;
     store.get_study("hall").await.expect("it was not deleted");
-}
-
-#[tokio::test]
-async fn what_a_killed_replica_held_is_free_at_once() {
-    let database = Database::create().await;
-    let first = replica(&database, "http://first:1").await;
-    let second = replica(&database, "http://second:1").await;
-    first.create_study("hall", &spec(), 5).await.unwrap();
-    let held = first.load("hall").await.unwrap().fence;
-    first.commit(&held, &[change(vec![open(1)])]).durable().await.unwrap();
-    assert!(second.load("hall").await.is_err());
-    drop(first);
-    let loaded = load_soon(&second, "hall").await;
-    assert_eq!(loaded.snapshot.last_trial, 1);
 }
 
 #[tokio::test]

@@ -4,7 +4,7 @@ mod common;
 
 use std::path::{Path, PathBuf};
 
-use common::{NEWER_MIGRATION, alter, change, completed, foreign, open, spec, state};
+use common::{NEWER_MIGRATION, alter, change, completed, foreign, open, spec};
 use sqlx::{Connection as _, Executor as _};
 use treewright_core::trial::Outcome;
 use treewright_core::tuner::{Change, Checkpoint};
@@ -27,25 +27,6 @@ async fn hall(path: &Path) -> (SqliteStore, Fence) {
     store.create_study("hall", &spec(), 5).await.unwrap();
     let fence = store.load("hall").await.unwrap().fence;
     (store, fence)
-}
-
-#[tokio::test]
-async fn what_was_acknowledged_is_there_after_reopening() {
-    let (directory, path) = file();
-    let (store, fence) = hall(&path).await;
-    let stored = change(vec![completed(1, 1, Outcome::Ok), open(2)]);
-    store.commit(&fence, std::slice::from_ref(&stored)).durable().await.unwrap();
-    store.close().await;
-    assert!(!directory.path().join("studies.db-wal").exists());
-
-    let store = SqliteStore::open(&path).await.unwrap();
-    let loaded = store.load("hall").await.unwrap();
-    assert_eq!(loaded.study.spec, spec());
-    assert_eq!(loaded.snapshot.states, [state(1)]);
-    assert_eq!(loaded.snapshot.last_trial, 2);
-    assert_eq!(loaded.open_trials, stored.trials[1..]);
-    let completed = store.completed_trials(&loaded.fence, 0, 10).await.unwrap();
-    assert_eq!(completed[0].clone().check(&spec().space).unwrap(), stored.trials[0]);
 }
 
 /// As after a crash between two parts.

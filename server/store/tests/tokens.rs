@@ -1,5 +1,8 @@
 //! The promises of every token store, run against each implementation. The memory store is the oracle.
 
+#[macro_use]
+mod common;
+
 use std::time::Duration;
 
 use treewright_store::tokens::{Quota, Scope, Studies, TokenError, TokenRecord, Usage};
@@ -9,31 +12,10 @@ use treewright_store::{
 };
 use treewright_test_postgres::Database;
 
-macro_rules! contract {
-    ($($name:ident),* $(,)?) => {
-        mod memory {
-            $(#[tokio::test] async fn $name() {
-                super::$name(&super::MemoryTokens::new()).await;
-            })*
-        }
-        mod sqlite {
-            $(#[tokio::test] async fn $name() {
-                let directory = tempfile::tempdir().expect("a directory");
-                let tokens = super::SqliteTokens::open(&directory.path().join("a.db")).await.expect("opened");
-                super::$name(&tokens).await;
-            })*
-        }
-        mod postgres {
-            $(#[tokio::test] async fn $name() {
-                let database = super::Database::create().await;
-                let tokens = super::postgres(&database).await;
-                super::$name(&tokens).await;
-            })*
-        }
-    };
-}
-
 contract!(
+    super::MemoryTokens::new();
+    path => super::SqliteTokens::open(&path).await.expect("opened");
+    database => super::postgres(&database).await;
     tokens_come_back_as_they_were_stored,
     revoking_keeps_the_first_time,
     forgetting_takes_the_use_along,

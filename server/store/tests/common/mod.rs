@@ -21,27 +21,34 @@ use treewright_core::value::Value;
 use treewright_store::filter::{Filter, Order};
 use treewright_store::{PostgresAddress, PostgresStore, Store, TrialQuery};
 
-/// Runs each function of the suite on each store.
+/// Runs each function of the suite on each store, or on what else is made in memory, of a path and of a
+/// database.
 macro_rules! contract {
     ($($name:ident),* $(,)?) => {
+        contract! {
+            treewright_store::MemoryStore::new();
+            path => treewright_store::SqliteStore::open(&path).await.expect("a new database");
+            database => crate::common::postgres(&database).await;
+            $($name),*
+        }
+    };
+    ($memory:expr; $path:ident => $sqlite:expr; $database:ident => $postgres:expr; $($name:ident),* $(,)?) => {
         mod memory {
             $(#[tokio::test] async fn $name() {
-                super::$name(&treewright_store::MemoryStore::new()).await;
+                super::$name(&$memory).await;
             })*
         }
         mod sqlite {
             $(#[tokio::test] async fn $name() {
                 let directory = tempfile::tempdir().expect("a directory");
-                let path = directory.path().join("studies.db");
-                let store = treewright_store::SqliteStore::open(&path).await.expect("a new database");
-                super::$name(&store).await;
+                let $path = directory.path().join("studies.db");
+                super::$name(&$sqlite).await;
             })*
         }
         mod postgres {
             $(#[tokio::test] async fn $name() {
-                let database = treewright_test_postgres::Database::create().await;
-                let store = crate::common::postgres(&database).await;
-                super::$name(&store).await;
+                let $database = treewright_test_postgres::Database::create().await;
+                super::$name(&$postgres).await;
             })*
         }
     };
