@@ -323,21 +323,6 @@ fn a_state_unlike_all_others_does_not_decide_next_to_it() {
 }
 
 #[test]
-fn the_same_lessons_give_the_same_bytes() {
-    let (a, b) = (trained(20, 6, 1.0), trained(20, 6, 1.0));
-    assert_eq!(a.predictors, b.predictors);
-    for method in methods() {
-        for step in 0..10 {
-            let state = [f64::from(step) / 10.0; 3];
-            assert_eq!(a.ask(method, &state), b.ask(method, &state));
-            let proposals =
-                [&a, &b].map(|world| world.predictors.propose(method, &world.query(&state), step as u64));
-            assert_eq!(proposals[0], proposals[1]);
-        }
-    }
-}
-
-#[test]
 fn one_predictor_proposes_and_never_twice_the_same() {
     let world = trained(20, 2, 1.0);
     let propose = |number| {
