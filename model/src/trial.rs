@@ -1,6 +1,7 @@
 //! Trials: one configuration, handed to one client for one state under a lease, and its result.
 
 use std::collections::BTreeMap;
+use std::convert::Infallible;
 
 use serde::{Deserialize, Serialize, Serializer};
 
@@ -214,6 +215,15 @@ impl RawTrial {
             trial.decision.adopted = Some(Box::new(own));
             trial
         }))
+    }
+}
+
+impl Trial {
+    /// The trial as it is read from a table, with a configuration that has not been checked.
+    #[must_use]
+    pub fn into_raw(self) -> RawTrial {
+        let Ok(raw) = self.map_configuration(|checked| Ok::<_, Infallible>(checked.into()));
+        raw
     }
 }
 

@@ -24,7 +24,6 @@ mod migrations;
 #[cfg(feature = "postgres")]
 mod postgres;
 mod question;
-mod raw;
 mod read;
 mod rows;
 mod sqlite;

@@ -9,13 +9,12 @@ use treewright_core::ids::StudyUid;
 use treewright_core::space::{EarlierSpaces, SpaceError};
 use treewright_core::study::StudySpec;
 use treewright_core::trial::{RawTrial, Trial, TrialState};
-use treewright_core::tuner::{Change, Checkpoint, Snapshot, StateRecord, StudyCounts, Visit};
+use treewright_core::tuner::{Change, Checkpoint, RawVisit, Snapshot, StateRecord, StudyCounts};
 
 use crate::assembly::study_not_found;
 use crate::error::StoreError;
 use crate::fence::{Fence, Receipt};
 use crate::limits;
-use crate::raw::{raw_trial, raw_visit};
 use crate::rows::inconsistent;
 use crate::store::{ClosedTrial, Created, Loaded, Store, StudyRecord, StudyWrite, TrialPage, TrialQuery};
 
@@ -45,8 +44,8 @@ struct MemoryStudy {
     create_ms: i64,
     fence: Option<Fence>,
     states: BTreeMap<u64, StateRecord>,
-    visits: BTreeMap<String, Visit>,
-    trials: BTreeMap<u64, Trial>,
+    visits: BTreeMap<String, RawVisit>,
+    trials: BTreeMap<u64, RawTrial>,
     /// The numbers of the completed trials, by completion.
     completed: BTreeMap<u64, u64>,
     checkpoint: Option<Checkpoint>,
@@ -127,7 +126,7 @@ fn random_uid() -> StudyUid {
 
 impl MemoryStudy {
     fn record(&self, id: &str) -> StudyRecord {
-        let is_open = |trial: &&Trial| trial.state == TrialState::Open;
+        let is_open = |trial: &&RawTrial| trial.state == TrialState::Open;
         let last_trial = self.last_trial();
         assert!(self.skipped <= last_trial, "{} of {last_trial} numbers were left out", self.skipped);
         StudyRecord {
@@ -197,11 +196,11 @@ impl MemoryStudy {
                 self.visits.remove(client_id);
             }
             for visit in &change.visits {
-                self.visits.insert(visit.client_id.clone(), visit.clone());
+                self.visits.insert(visit.client_id.clone(), visit.clone().into_raw());
             }
             for trial in &change.trials {
                 self.completed.extend(trial.completion.map(|completion| (completion, trial.number)));
-                let mut trial = Trial { decision: trial.decision.stored(), ..trial.clone() };
+                let mut trial = Trial { decision: trial.decision.stored(), ..trial.clone() }.into_raw();
                 // A stored trial keeps what was handed out, as in the other stores.
                 if let Some(stored) = self.trials.get(&trial.number) {
                     trial.configuration.clone_from(&stored.configuration);
@@ -311,8 +310,8 @@ impl Store for MemoryStore {
         let (space, earlier) = (&found.spec.space, &found.earlier);
         let misfit = |error: SpaceError| inconsistent(error.to_string());
         let open = found.trials.values().filter(|trial| trial.state == TrialState::Open);
-        let open = open.map(|trial| raw_trial(trial.clone()).adopt(earlier, space).map_err(misfit));
-        let visits = found.visits.values().map(|visit| raw_visit(visit.clone()).adopt(earlier, space));
+        let open = open.map(|trial| trial.clone().adopt(earlier, space).map_err(misfit));
+        let visits = found.visits.values().map(|visit| visit.clone().adopt(earlier, space));
         let visits = visits.map(|visit| visit.map_err(misfit));
         Ok(Loaded {
             fence,
@@ -347,7 +346,7 @@ impl Store for MemoryStore {
         let found = places.filter_map(|(at, number)| Some((*at, study.trials.get(number)?)));
         let trials = found.map(|(at, trial)| {
             assert_eq!(trial.completion, Some(at), "trial {} is listed in another place", trial.number);
-            raw_trial(trial.clone())
+            trial.clone()
         });
         Ok(trials.collect())
     }
@@ -379,7 +378,7 @@ impl Store for MemoryStore {
         let before = study.trials.len();
         let mut removed = 0;
         for number in numbers {
-            let may_go = |trial: &Trial| {
+            let may_go = |trial: &RawTrial| {
                 trial.state != TrialState::Open && trial.completion.is_none_or(|at| at <= covered)
             };
             if study.trials.get(number).is_some_and(may_go) {
@@ -397,23 +396,16 @@ impl Store for MemoryStore {
 
     async fn get_trial(&self, study: &str, number: u64) -> Result<RawTrial, StoreError> {
         let inner = self.lock()?;
-        let trial = inner.study(study)?.trials.get(&number);
-        trial
-            .map(|trial| raw_trial(trial.clone()))
-            .ok_or_else(|| StoreError::TrialNotFound { study: study.to_owned(), number })
+        let trial = inner.study(study)?.trials.get(&number).cloned();
+        trial.ok_or_else(|| StoreError::TrialNotFound { study: study.to_owned(), number })
     }
 
     async fn query_trials(&self, study: &str, query: &TrialQuery) -> Result<TrialPage, StoreError> {
         let size = query.size as usize;
         assert!(size > 0, "a page of nothing never comes to an end");
         let inner = self.lock()?;
-        let mut found: Vec<RawTrial> = inner
-            .study(study)?
-            .trials
-            .values()
-            .map(|trial| raw_trial(trial.clone()))
-            .filter(|trial| query.filter.matches(trial))
-            .collect();
+        let trials = inner.study(study)?.trials.values();
+        let mut found: Vec<RawTrial> = trials.filter(|trial| query.filter.matches(trial)).cloned().collect();
         let compare =
             |a: &RawTrial, b: &RawTrial| query.order.compare(&query.order.place(a), &query.order.place(b));
         found.sort_by(compare);
@@ -435,7 +427,7 @@ impl Store for MemoryStore {
 
     async fn studies_with_due_leases(&self, now_ms: i64) -> Result<Vec<String>, StoreError> {
         let inner = self.lock()?;
-        let due = |trial: &Trial| trial.state == TrialState::Open && trial.lease_expire_ms < now_ms;
+        let due = |trial: &RawTrial| trial.state == TrialState::Open && trial.lease_expire_ms < now_ms;
         Ok(inner
             .studies
             .iter()

@@ -2,6 +2,7 @@
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
+use std::convert::Infallible;
 
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
@@ -123,26 +124,45 @@ impl RawVisit {
     /// Reads a visit in the space that its study has by now: `None` where the kept configuration is outside,
     /// so that the client's next question begins another visit.
     pub fn adopt(self, earlier: &EarlierSpaces, space: &Space) -> Result<Option<Visit>, SpaceError> {
+        let since = self.since;
+        // One that was decided right after a change is of the present space, and stays as it is.
+        let adopted = self.map_configuration(|raw| match earlier.is_empty() {
+            true => space.configuration(raw).map_err(Some),
+            false => earlier.adopt(earlier.revision_of(since), raw, space).ok_or(None),
+        });
+        match adopted {
+            Ok(visit) => Ok(Some(visit)),
+            Err(None) => Ok(None),
+            Err(Some(error)) => Err(error),
+        }
+    }
+}
+
+impl Visit {
+    /// The visit as it is read from a table, with a configuration that has not been checked.
+    #[must_use]
+    pub fn into_raw(self) -> RawVisit {
+        let Ok(raw) = self.map_configuration(|checked| Ok::<_, Infallible>(checked.into()));
+        raw
+    }
+}
+
+impl<C> Visit<C> {
+    fn map_configuration<D, E>(self, map: impl FnOnce(C) -> Result<D, E>) -> Result<Visit<D>, E> {
         let decision = match self.decision {
             VisitDecision::Explore { rule, estimate } => VisitDecision::Explore { rule, estimate },
             VisitDecision::Exploit { configuration, predicted_cost, exploit, said } => {
-                // One that was decided right after a change is of the present space, and stays as it is.
-                let adopted = match earlier.is_empty() {
-                    true => Some(space.configuration(configuration)?),
-                    false => earlier.adopt(earlier.revision_of(self.since), configuration, space),
-                };
-                let Some(configuration) = adopted else { return Ok(None) };
-                VisitDecision::Exploit { configuration, predicted_cost, exploit, said }
+                VisitDecision::Exploit { configuration: map(configuration)?, predicted_cost, exploit, said }
             }
         };
-        Ok(Some(Visit {
+        Ok(Visit {
             client_id: self.client_id,
             state_id: self.state_id,
             number: self.number,
             since: self.since,
             decision,
             account: self.account,
-        }))
+        })
     }
 }
 
