@@ -3,7 +3,7 @@
 use std::mem::MaybeUninit;
 
 use glam::{DAffine3, DVec3};
-use treewright_client::{Indicator, Scale};
+use treewright_client::Scale;
 use treewright_indicators::{Accumulator, IndicatorScale, SCHEMA, SceneIndicators, Surface, View};
 
 use crate::edge::{Array, ErrorOut, Number, Strided, Text, guard, need};
@@ -145,7 +145,7 @@ pub(crate) extern "C" fn tw_spec_scene_indicators(spec: Option<&mut Spec>) {
                 IndicatorScale::Linear => Scale::Linear,
                 IndicatorScale::Log => Scale::Log,
             };
-            spec.indicator(Indicator { name: one.name.to_owned(), min: one.min, max: one.max, scale });
+            spec.indicator(one.name, one.min, one.max, scale);
         }
         Ok(())
     });

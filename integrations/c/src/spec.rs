@@ -2,28 +2,21 @@
 //! returns it, so that a program checks for errors once.
 
 use treewright_client::{
-    Condition, Constraint, Domain, Front, Indicator, Parameter, Policy, Scale, Space, StudyBuilder,
-    StudySpec, Value,
+    Condition, Constraint, Domain, Front, Parameter, Policy, Scale, Space, StudyBuilder, StudySpec, Value,
 };
 
 use crate::edge::{Array, ErrorOut, Text, guard, set};
 use crate::error::Failure;
 
 /// A specification under construction.
-#[derive(Debug, Default)]
+#[derive(Default)]
 pub(crate) struct Spec {
     parameters: Vec<Parameter>,
     constraints: Vec<Constraint>,
-    indicators: Vec<Indicator>,
-    /// Each with its weight, and whether it is maximised.
-    terms: Vec<(String, f64, bool)>,
-    auxiliary: Vec<String>,
-    limits: Vec<(String, f64, f64)>,
-    episode_frames: Option<u32>,
-    fidelities: Vec<(String, f64)>,
-    display_name: Option<String>,
-    state_tolerance: Option<f64>,
-    seed: u64,
+    /// All but the space and the policy, in the order of the calls.
+    steps: Vec<Box<dyn Fn(StudyBuilder) -> StudyBuilder>>,
+    /// Whether an indicator or a term of the objective is among them.
+    is_defined: bool,
     policy: Policy,
     mistake: Option<String>,
 }
@@ -31,14 +24,13 @@ pub(crate) struct Spec {
 impl Spec {
     /// The finished specification, or the first mistake.
     pub(crate) fn finish(&self) -> Result<StudySpec, Failure> {
-        let study = self.describe(StudySpec::builder(self.space()?));
-        study.build().map_err(|error| Failure::invalid(error.to_string()))
+        self.study()?.build().map_err(|error| Failure::invalid(error.to_string()))
     }
 
     /// The specification of a front, or the first mistake.
     pub(crate) fn of_front(&self, front: &Front) -> Result<StudySpec, Failure> {
-        let study = self.describe(StudySpec::builder(self.space()?));
-        if !(self.terms.is_empty() && self.indicators.is_empty()) {
+        let study = self.study()?;
+        if self.is_defined {
             return Err(Failure::invalid(
                 "a front has an objective and an indicator of its own; name its metrics alone",
             ));
@@ -61,38 +53,25 @@ impl Spec {
         space.build().map_err(|error| Failure::invalid(error.to_string()))
     }
 
-    fn describe(&self, mut study: StudyBuilder) -> StudyBuilder {
-        for Indicator { name, min, max, scale } in &self.indicators {
-            study = study.indicator(name, *min..=*max, *scale);
-        }
-        for (metric, weight, maximise) in &self.terms {
-            study = match maximise {
-                true => study.maximise(metric, *weight),
-                false => study.minimise(metric, *weight),
-            };
-        }
-        for metric in &self.auxiliary {
-            study = study.auxiliary(metric);
-        }
-        for (metric, at_least, at_most) in &self.limits {
-            // Infinity, on its own side, is no limit.
-            let at_least = Some(*at_least).filter(|end| *end != f64::NEG_INFINITY);
-            study = study.limit(metric, at_least, Some(*at_most).filter(|end| *end != f64::INFINITY));
-        }
-        for (name, cost) in &self.fidelities {
-            study = study.fidelity(name, *cost);
-        }
-        if let Some(text) = &self.display_name {
-            study = study.display_name(text);
-        }
-        if let Some(tolerance) = self.state_tolerance {
-            study = study.state_tolerance(tolerance);
-        }
-        study.episode_frames(self.episode_frames.unwrap_or(1)).seed(self.seed).policy(self.policy.clone())
+    fn study(&self) -> Result<StudyBuilder, Failure> {
+        let study = StudySpec::builder(self.space()?).policy(self.policy.clone());
+        Ok(self.steps.iter().fold(study, |study, step| step(study)))
     }
 
-    pub(crate) fn indicator(&mut self, indicator: Indicator) {
-        self.indicators.push(indicator);
+    /// Says something of the study.
+    fn say(&mut self, step: impl Fn(StudyBuilder) -> StudyBuilder + 'static) {
+        self.steps.push(Box::new(step));
+    }
+
+    /// Says something of which a front has its own.
+    fn define(&mut self, step: impl Fn(StudyBuilder) -> StudyBuilder + 'static) {
+        self.is_defined = true;
+        self.say(step);
+    }
+
+    pub(crate) fn indicator(&mut self, name: &str, min: f64, max: f64, scale: Scale) {
+        let name = name.to_owned();
+        self.define(move |study| study.indicator(&name, min..=max, scale));
     }
 
     fn parameter(&mut self, name: &str, domain: Domain, default: Value) {
@@ -311,40 +290,50 @@ pub(crate) extern "C" fn tw_spec_indicator(
     scale: i32,
 ) {
     change(spec, |spec| {
-        let name = name.words("an indicator's name")?.to_owned();
-        spec.indicator(Indicator { name, min, max, scale: scale_of(scale)? });
+        spec.indicator(name.words("an indicator's name")?, min, max, scale_of(scale)?);
         Ok(())
     });
 }
 
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_spec_minimise(spec: Option<&mut Spec>, metric: Text, weight: f64) {
-    take(spec, metric, "a metric's name", |spec, metric| spec.terms.push((metric, weight, false)));
+    take(spec, metric, "a metric's name", |spec, metric| {
+        spec.define(move |study| study.minimise(&metric, weight));
+    });
 }
 
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_spec_maximise(spec: Option<&mut Spec>, metric: Text, weight: f64) {
-    take(spec, metric, "a metric's name", |spec, metric| spec.terms.push((metric, weight, true)));
+    take(spec, metric, "a metric's name", |spec, metric| {
+        spec.define(move |study| study.maximise(&metric, weight));
+    });
 }
 
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_spec_auxiliary(spec: Option<&mut Spec>, metric: Text) {
-    take(spec, metric, "a metric's name", |spec, metric| spec.auxiliary.push(metric));
+    take(spec, metric, "a metric's name", |spec, metric| spec.say(move |study| study.auxiliary(&metric)));
 }
 
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_spec_limit(spec: Option<&mut Spec>, metric: Text, at_least: f64, at_most: f64) {
-    take(spec, metric, "a metric's name", |spec, metric| spec.limits.push((metric, at_least, at_most)));
+    // Infinity, on its own side, is no limit.
+    let at_least = Some(at_least).filter(|end| *end != f64::NEG_INFINITY);
+    let at_most = Some(at_most).filter(|end| *end != f64::INFINITY);
+    take(spec, metric, "a metric's name", |spec, metric| {
+        spec.say(move |study| study.limit(&metric, at_least, at_most));
+    });
 }
 
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_spec_episode_frames(spec: Option<&mut Spec>, frames: u32) {
-    set(spec, |spec| spec.episode_frames = Some(frames));
+    set(spec, |spec| spec.say(move |study| study.episode_frames(frames)));
 }
 
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_spec_fidelity(spec: Option<&mut Spec>, name: Text, cost: f64) {
-    take(spec, name, "a level's name", |spec, name| spec.fidelities.push((name, cost)));
+    take(spec, name, "a level's name", |spec, name| {
+        spec.say(move |study| study.fidelity(name.as_str(), cost))
+    });
 }
 
 #[unsafe(no_mangle)]
@@ -357,15 +346,17 @@ pub(crate) extern "C" fn tw_spec_policy(spec: Option<&mut Spec>, field: Text, va
 
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_spec_display_name(spec: Option<&mut Spec>, text: Text) {
-    take(spec, text, "the display name", |spec, text| spec.display_name = Some(text));
+    take(spec, text, "the display name", |spec, text| {
+        spec.say(move |study| study.display_name(text.as_str()))
+    });
 }
 
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_spec_state_tolerance(spec: Option<&mut Spec>, tolerance: f64) {
-    set(spec, |spec| spec.state_tolerance = Some(tolerance));
+    set(spec, |spec| spec.say(move |study| study.state_tolerance(tolerance)));
 }
 
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_spec_seed(spec: Option<&mut Spec>, seed: u64) {
-    set(spec, |spec| spec.seed = seed);
+    set(spec, |spec| spec.say(move |study| study.seed(seed)));
 }

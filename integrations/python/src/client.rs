@@ -39,13 +39,13 @@ fn words(field: &str, value: &Bound<'_, PyAny>) -> PyResult<String> {
     Ok(if field == "pinned" { text } else { text.to_lowercase() })
 }
 
-/// The fields of a policy as they are written.
-pub(crate) fn policy_words(policy: Named<Bound<'_, PyAny>>) -> PyResult<Vec<(String, String)>> {
-    let field = |(field, value): (String, Bound<'_, PyAny>)| {
-        let text = words(&field, &value)?;
-        Ok((field, text))
-    };
-    policy.0.into_iter().map(field).collect()
+/// A policy by its fields as they are written.
+pub(crate) fn policy_of(fields: Named<Bound<'_, PyAny>>) -> PyResult<Policy> {
+    let mut policy = Policy::new();
+    for (field, value) in fields.0 {
+        policy.set_text(&field, &words(&field, &value)?).map_err(|error| raised(error.into()))?;
+    }
+    Ok(policy)
 }
 
 impl Client {
@@ -170,7 +170,7 @@ impl Client {
         episode_frames: u32,
         fidelities: Numbers,
     ) -> PyResult<Study> {
-        let policy = policy_words(policy)?;
+        let policy = policy_of(policy)?;
         let definition = Definition {
             // By name: dictionaries have no order here, and the order is part of what a study is.
             indicators: indicators.0.into_iter().collect(),

@@ -4,12 +4,12 @@ use std::sync::Mutex;
 
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use treewright_client::{ClientError, FrontLoop, Measurements, Outcome, TrialRecord};
+use treewright_client::{ClientError, FrontLoop, Measurements, Outcome, StudySpec, TrialRecord};
 
-use crate::client::{Client, policy_words};
+use crate::client::{Client, policy_of};
 use crate::convert::{Named, Numbers, measurements, shown};
 use crate::error::raised;
-use crate::space::{Definition, Ends, Range, Space};
+use crate::space::{Ends, Space};
 use crate::suggestion::{ended, lock};
 
 /// Two or three metrics of which none is given up for another: runs that look for the configurations of which
@@ -35,26 +35,12 @@ impl Front {
         policy: Named<Bound<'_, PyAny>>,
     ) -> PyResult<Self> {
         let front = treewright_client::Front::new(&metrics).map_err(|error| raised(error.into()))?;
-        let (low, high) = front.range().into_inner();
-        let mut policy = policy_words(policy)?;
-        if policy.iter().all(|(field, _)| field != "confirm_rounds") {
-            // A race would be one of a single direction.
-            policy.push(("confirm_rounds".to_owned(), "0".to_owned()));
+        let mut study = StudySpec::builder(space.build().map_err(raised)?).policy(policy_of(policy)?);
+        for (metric, (at_least, at_most)) in limits.0 {
+            study = study.limit(&metric, at_least, at_most);
         }
-        let definition = Definition {
-            indicators: vec![(treewright_client::Front::DIRECTION.to_owned(), Range::Linear((low, high)))],
-            minimise: vec![(treewright_client::Front::COST.to_owned(), 1.0)],
-            maximise: Vec::new(),
-            auxiliary: Vec::new(),
-            limits: limits.0.into_iter().collect(),
-            episode_frames: 1,
-            fidelities: Vec::new(),
-            policy,
-            display_name: front.study_name(),
-            state_tolerance: None,
-            seed: 0,
-        };
-        let (spec, client) = (definition.spec(space)?, client.inner().clone());
+        let spec = study.front(&front).build().map_err(|error| raised(error.into()))?;
+        let client = client.inner().clone();
         python.detach(|| FrontLoop::open(&client, id, &spec, front, trials)).map(Self).map_err(raised)
     }
 

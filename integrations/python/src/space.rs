@@ -197,7 +197,7 @@ pub(crate) struct Definition {
     pub(crate) limits: Vec<(String, Ends)>,
     pub(crate) episode_frames: u32,
     pub(crate) fidelities: Vec<(String, f64)>,
-    pub(crate) policy: Vec<(String, String)>,
+    pub(crate) policy: Policy,
     pub(crate) display_name: String,
     pub(crate) state_tolerance: Option<f64>,
     pub(crate) seed: u64,
@@ -241,11 +241,7 @@ impl Definition {
         if let Some(tolerance) = self.state_tolerance {
             builder = builder.state_tolerance(tolerance);
         }
-        let mut policy = Policy::new();
-        for (field, value) in &self.policy {
-            policy.set_text(field, value).map_err(|error| raised(error.into()))?;
-        }
-        let builder = builder.episode_frames(self.episode_frames).seed(self.seed).policy(policy);
+        let builder = builder.episode_frames(self.episode_frames).seed(self.seed).policy(self.policy);
         builder.build().map_err(|error| raised(error.into()))
     }
 }
