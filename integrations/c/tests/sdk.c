@@ -26,6 +26,14 @@ static void expect(tw_error *error, int32_t code, const char *words) {
   tw_error_free(error);
 }
 
+/* A call that is given `&error` fails. */
+#define FAILS(call, code, words)                                               \
+  do {                                                                         \
+    tw_error *error = NULL;                                                    \
+    CHECK(!(call));                                                            \
+    expect(error, code, words);                                                \
+  } while (0)
+
 static void succeed(tw_error *error) {
   if (error) {
     fprintf(stderr, "failed: %s\n", tw_error_message(error));
@@ -57,6 +65,15 @@ static tw_spec *new_spec(void) {
   return spec;
 }
 
+/* The study of a specification, which is used up. */
+static tw_study *opened(const tw_client *client, const char *id, tw_spec *spec) {
+  tw_error *error = NULL;
+  tw_study *study = tw_client_study(client, id, spec, &error);
+  succeed(error);
+  tw_spec_free(spec);
+  return study;
+}
+
 /* A frame whose time depends on the configuration alone. */
 static double render(const tw_configuration *configuration) {
   int64_t leaf = 0, block = 0, tile = 0;
@@ -71,10 +88,8 @@ static double render(const tw_configuration *configuration) {
 }
 
 static void without_handles(void) {
-  tw_error *error = NULL;
   double ms;
-  CHECK(!tw_client_ping(NULL, &ms, &error));
-  expect(error, TW_INVALID, "the client is NULL");
+  FAILS(tw_client_ping(NULL, &ms, &error), TW_INVALID, "the client is NULL");
   CHECK(!tw_client_extend_lease(NULL, NULL, NULL) && !tw_study_front(NULL, NULL, 0, 0, NULL) && tw_front_json(NULL)[0]);
   CHECK(!tw_study_suggest(NULL, NULL, 0, NULL));
   CHECK(!tw_suggestion_report(NULL, NULL, 0, NULL) && !tw_suggestion_standard_errors(NULL, NULL, 0, NULL));
@@ -96,44 +111,31 @@ static void without_handles(void) {
 
 static void mistakes(const tw_client *client) {
   tw_error *error = NULL;
-  CHECK(!tw_client_connect("not an address", NULL, &error));
-  expect(error, TW_INVALID, "not an address");
-  error = NULL;
+  FAILS(tw_client_connect("not an address", NULL, &error), TW_INVALID, "not an address");
   tw_options *options = tw_options_new();
   tw_options_deadline_ms(options, NAN);
   tw_options_client_id(options, "\xff");
-  CHECK(!tw_client_connect("http://127.0.0.1:1", options, &error));
-  expect(error, TW_INVALID, "deadline of NaN ms");
+  FAILS(tw_client_connect("http://127.0.0.1:1", options, &error), TW_INVALID, "deadline of NaN ms");
   tw_options_free(options);
-  error = NULL;
   options = tw_options_new();
   tw_options_authority_file(options, "/dev/null");
-  CHECK(!tw_client_connect("http://127.0.0.1:1", options, &error));
-  expect(error, TW_INVALID, "certificate authority: it is only used with TLS");
+  FAILS(tw_client_connect("http://127.0.0.1:1", options, &error), TW_INVALID,
+        "certificate authority: it is only used with TLS");
   tw_options_certificate_files(options, "/dev/null", "/dev/null");
-  error = NULL;
-  CHECK(!tw_client_connect("http://127.0.0.1:1", options, &error));
-  expect(error, TW_INVALID, "client certificate: it is only used with TLS");
+  FAILS(tw_client_connect("http://127.0.0.1:1", options, &error), TW_INVALID, "client certificate: it is only used with TLS");
   tw_options_free(options);
-  error = NULL;
   tw_spec *spec = new_spec();
   tw_spec_integer(spec, "leaf", 0, 3, 1, TW_LINEAR);
-  CHECK(!tw_client_study(client, "twice", spec, &error));
-  expect(error, TW_INVALID, "listed twice");
+  FAILS(tw_client_study(client, "twice", spec, &error), TW_INVALID, "listed twice");
   tw_spec_free(spec);
-  error = NULL;
   spec = new_spec();
   tw_spec_active_if(spec, "nothing", "1");
-  CHECK(!tw_client_study(client, "condition", spec, &error));
-  expect(error, TW_INVALID, "no parameter \"nothing\"");
+  FAILS(tw_client_study(client, "condition", spec, &error), TW_INVALID, "no parameter \"nothing\"");
   tw_spec_free(spec);
-  error = NULL;
   spec = new_spec();
   tw_spec_constraint(spec, "leaf * 2 <=");
-  CHECK(!tw_client_study(client, "constraint", spec, &error));
-  expect(error, TW_INVALID, "at character 12");
+  FAILS(tw_client_study(client, "constraint", spec, &error), TW_INVALID, "at character 12");
   tw_spec_free(spec);
-  error = NULL;
   CHECK(!tw_client_existing_study(client, "nowhere", &error));
   CHECK(tw_error_grpc_code(error) == 5);
   expect(error, TW_REFUSED, "nowhere");
@@ -142,9 +144,7 @@ static void mistakes(const tw_client *client) {
 static void without_daemon(void) {
   tw_error *error = NULL;
   tw_client *client = tw_client_connect("http://127.0.0.1:1", NULL, &error);
-  tw_spec *spec = new_spec();
-  tw_study *study = tw_client_study(client, "away", spec, &error);
-  succeed(error);
+  tw_study *study = opened(client, "away", new_spec());
   tw_number input[] = {{"triangles", 1000}};
   tw_suggestion *suggestion = tw_study_suggest(study, input, 1, &error);
   succeed(error);
@@ -155,9 +155,7 @@ static void without_daemon(void) {
   tw_number result[] = {{"render_ms", 10}};
   CHECK(tw_suggestion_report(suggestion, result, 1, &error));
   CHECK(tw_client_count(client, TW_COUNT_UNREPORTED) == 1 && tw_client_count(client, TW_COUNT_FALLBACKS) == 1);
-  CHECK(!tw_study_best(study, NULL, 0, NULL, &error));
-  expect(error, TW_AWAY, "start one with");
-  tw_spec_free(spec);
+  FAILS(tw_study_best(study, NULL, 0, NULL, &error), TW_AWAY, "start one with");
   tw_client_free(client); /* before its study */
   tw_study_free(study);
 }
@@ -167,8 +165,7 @@ static void maximised(const tw_client *client) {
   tw_spec *spec = tw_spec_new();
   tw_spec_integer(spec, "level", 1, 9, 5, TW_LINEAR);
   tw_spec_maximise(spec, "fps", 1000);
-  tw_study *study = tw_client_study(client, "from-c-maximised", spec, &error);
-  succeed(error);
+  tw_study *study = opened(client, "from-c-maximised", spec);
   tw_suggestion *suggestion = tw_study_suggest(study, NULL, 0, &error);
   succeed(error);
   tw_number result[] = {{"fps", 50}};
@@ -179,7 +176,6 @@ static void maximised(const tw_client *client) {
   succeed(error);
   CHECK(cost == 20 && tw_study_value(study, cost) == 50);
   tw_configuration_free(found);
-  tw_spec_free(spec);
   tw_study_free(study);
 }
 
@@ -220,15 +216,9 @@ static void changed_space(const tw_client *client) {
   succeed(error);
   CHECK(strstr(tw_front_json(front), "\"maximised\":[\"mb\"],\"runs\":3") && strstr(tw_front_json(front), "\"threads\":"));
   tw_front_free(front);
-  CHECK(!tw_study_front(studies[1], NULL, 0, 0, &error));
-  expect(error, TW_INVALID, "made for none");
-  error = NULL;
-  CHECK(!tw_client_change_space(client, "from-c-space", specs[0], "{]", false, NULL, &error));
-  expect(error, TW_INVALID, "no JSON");
-  error = NULL;
-  CHECK(!tw_client_change_space(client, "nowhere", specs[0], NULL, false, NULL, &error));
-  expect(error, TW_REFUSED, "nowhere");
-  error = NULL;
+  FAILS(tw_study_front(studies[1], NULL, 0, 0, &error), TW_INVALID, "made for none");
+  FAILS(tw_client_change_space(client, "from-c-space", specs[0], "{]", false, NULL, &error), TW_INVALID, "no JSON");
+  FAILS(tw_client_change_space(client, "nowhere", specs[0], NULL, false, NULL, &error), TW_REFUSED, "nowhere");
   CHECK(tw_client_delete_study(client, "from-c-space", &error));
   for (int each = 0; each < 2; each++) {
     tw_study_free(studies[each]);
@@ -254,8 +244,7 @@ static void fronts(const tw_client *client) {
       char trial[64];
       snprintf(trial, sizeof trial, "%s", tw_front_run_trial(run));
       CHECK(strstr(trial, "studies/from-c-front@"));
-      CHECK(!tw_front_run_report(run, result, 1, &error));
-      expect(error, TW_INVALID, "rate"), error = NULL;
+      FAILS(tw_front_run_report(run, result, 1, &error), TW_INVALID, "rate");
       run = tw_front_runs_suggest(runs, &error);
       succeed(error);
       CHECK(strcmp(trial, tw_front_run_trial(run)) == 0);
@@ -279,19 +268,16 @@ static void fronts(const tw_client *client) {
   CHECK(!tw_front_runs_suggest(runs, &error));
   succeed(error);
   tw_front_runs_free(runs);
-  CHECK(!tw_client_front_runs(client, "from-c-front", spec, NULL, 0, 2, &error));
-  expect(error, TW_INVALID, "list of metrics is NULL"), error = NULL;
+  FAILS(tw_client_front_runs(client, "from-c-front", spec, NULL, 0, 2, &error), TW_INVALID, "list of metrics is NULL");
   tw_spec_minimise(spec, "ms", 1);
-  CHECK(!tw_client_front_runs(client, "from-c-front", spec, metrics, 2, 2, &error));
-  expect(error, TW_INVALID, "an objective and an indicator of its own");
+  FAILS(tw_client_front_runs(client, "from-c-front", spec, metrics, 2, 2, &error), TW_INVALID,
+        "an objective and an indicator of its own");
   tw_spec_free(spec);
 }
 
 static void trials(const tw_client *client) {
   tw_error *error = NULL;
-  tw_spec *spec = new_spec();
-  tw_study *study = tw_client_study(client, "from-c", spec, &error);
-  succeed(error);
+  tw_study *study = opened(client, "from-c", new_spec());
   tw_number input[] = {{"triangles", 1000}};
   double best = 1e9, cost;
   int each, missed = 0;
@@ -311,9 +297,7 @@ static void trials(const tw_client *client) {
     const char *split = tw_configuration_text(configuration, "split", &error);
     succeed(error);
     CHECK(tw_configuration_has(configuration, "cost") == (strcmp(split, "sah") == 0));
-    CHECK(!tw_configuration_integer(configuration, "split", NULL, &error));
-    expect(error, TW_NO_SUCH_VALUE, "no integer named `split`");
-    error = NULL;
+    FAILS(tw_configuration_integer(configuration, "split", NULL, &error), TW_NO_SUCH_VALUE, "no integer named `split`");
     tw_number result[] = {{"render_ms", render(configuration)}};
     best = fmin(best, result[0].value);
     CHECK(tw_suggestion_report(suggestion, result, 1, &error));
@@ -325,14 +309,10 @@ static void trials(const tw_client *client) {
   CHECK(render(tw_suggestion_configuration(own)) == 5);
   tw_number result[] = {{"render_ms", 5}};
   CHECK(tw_suggestion_report(own, result, 1, &error));
-  CHECK(!tw_study_trial_of(study, input, 1, "{]", &error));
-  expect(error, TW_INVALID, "no JSON");
-  error = NULL;
+  FAILS(tw_study_trial_of(study, input, 1, "{]", &error), TW_INVALID, "no JSON");
   tw_suggestion_free(tw_study_suggest(study, input, 1, NULL));
   tw_number bad[] = {{"render_ms", NAN}};
-  CHECK(!tw_suggestion_report(tw_study_suggest(study, input, 1, NULL), bad, 1, &error));
-  expect(error, TW_INVALID, "render_ms");
-  error = NULL;
+  FAILS(tw_suggestion_report(tw_study_suggest(study, input, 1, NULL), bad, 1, &error), TW_INVALID, "render_ms");
   CHECK(tw_suggestion_aborted(tw_study_suggest(study, input, 1, NULL), 50, &error));
   CHECK(tw_suggestion_infeasible(tw_study_suggest(study, input, 1, NULL), "out of memory", &error));
   CHECK(tw_suggestion_failed(tw_study_suggest(study, input, 1, NULL), "the lamp went out", &error));
@@ -352,9 +332,7 @@ static void trials(const tw_client *client) {
   CHECK(standing.measurements >= 1 && standing.default_cost > 0 && strstr(standing.trial, "studies/from-c"));
   CHECK(standing.status[0] && strstr(standing.verdict, "default"));
   tw_configuration_free(found);
-  CHECK(!tw_study_best_standing(study, input, 1, NULL, NULL, &error));
-  expect(error, TW_INVALID, "room for the result is NULL");
-  error = NULL;
+  FAILS(tw_study_best_standing(study, input, 1, NULL, NULL, &error), TW_INVALID, "room for the result is NULL");
   found = tw_study_predict(study, input, 1, &cost, &error);
   succeed(error);
   CHECK(render(found) <= 10);
@@ -367,7 +345,6 @@ static void trials(const tw_client *client) {
   CHECK(strstr(tw_suggestion_problem(suggestion), "triangle"));
   tw_suggestion_free(suggestion);
   tw_study_free(study);
-  tw_spec_free(spec);
 }
 
 typedef struct worker {
@@ -412,8 +389,7 @@ static void episodes(const tw_client *client) {
   tw_spec_integer(spec, "leaf", 1, 32, 8, TW_LOG);
   tw_spec_minimise(spec, "render_ms", 1);
   tw_spec_episode_frames(spec, 3);
-  tw_study *study = tw_client_study(client, "from-c-episodes", spec, &error);
-  succeed(error);
+  tw_study *study = opened(client, "from-c-episodes", spec);
   tw_tuner *tuner = tw_tuner_new(study, &error);
   succeed(error);
   char trial[64] = "";
@@ -430,8 +406,7 @@ static void episodes(const tw_client *client) {
   tw_suggestion *first = tw_tuner_next(tuner, NULL, 0, &error);
   succeed(error);
   tw_number early[] = {{"render_ms", 1}};
-  CHECK(!tw_suggestion_report(first, early, 1, &error));
-  expect(error, TW_INVALID, "its trial has more frames"), error = NULL;
+  FAILS(tw_suggestion_report(first, early, 1, &error), TW_INVALID, "its trial has more frames");
   CHECK(tw_client_flush(client, 20000, &error));
   double cost = 0;
   tw_configuration *best = tw_study_best(study, NULL, 0, &cost, &error);
@@ -440,14 +415,11 @@ static void episodes(const tw_client *client) {
   tw_configuration_free(best);
   tw_tuner_free(tuner);
   tw_study_free(study);
-  tw_spec_free(spec);
 }
 
 static void threads(const tw_client *client) {
   tw_error *error = NULL;
-  tw_spec *spec = new_spec();
-  tw_study *study = tw_client_study(client, "threads", spec, &error);
-  succeed(error);
+  tw_study *study = opened(client, "threads", new_spec());
   uint64_t before = tw_client_count(client, TW_COUNT_ACKNOWLEDGED) + tw_client_count(client, TW_COUNT_UNREPORTED);
   pthread_barrier_t frame;
   CHECK(pthread_barrier_init(&frame, NULL, 4) == 0);
@@ -462,16 +434,13 @@ static void threads(const tw_client *client) {
   uint64_t after = tw_client_count(client, TW_COUNT_ACKNOWLEDGED) + tw_client_count(client, TW_COUNT_UNREPORTED);
   CHECK(after - before == 100);
   tw_study_free(study);
-  tw_spec_free(spec);
   CHECK(tw_client_delete_study(client, "threads", &error));
 }
 
 /* In the child of a fork a study goes on as another worker; what the parent runs is none of the child's business. */
 static void forked(const tw_client *client) {
   tw_error *error = NULL;
-  tw_spec *spec = new_spec();
-  tw_study *study = tw_client_study(client, "forked", spec, &error);
-  succeed(error);
+  tw_study *study = opened(client, "forked", new_spec());
   tw_number input[] = {{"triangles", 1000}};
   tw_number result[] = {{"render_ms", 6}};
   tw_suggestion *ours = tw_study_suggest(study, input, 1, &error);
@@ -485,8 +454,7 @@ static void forked(const tw_client *client) {
     CHECK(tw_suggestion_source(theirs) == TW_DAEMON && tw_suggestion_source(ours) == TW_DAEMON);
     CHECK(strcmp(tw_suggestion_trial(theirs), tw_suggestion_trial(ours)) != 0);
     CHECK(tw_suggestion_report(theirs, result, 1, &error));
-    CHECK(!tw_suggestion_report(ours, result, 1, &error));
-    expect(error, TW_INVALID, "forked");
+    FAILS(tw_suggestion_report(ours, result, 1, &error), TW_INVALID, "forked");
     CHECK(tw_client_flush(client, 20000, NULL) && tw_client_count(client, TW_COUNT_ACKNOWLEDGED) == 1);
     /* Whoever looks for leaks has nothing to look at here: what the parent's threads had is lost in a child. */
     execlp("true", "true", (char *)NULL);
@@ -497,16 +465,13 @@ static void forked(const tw_client *client) {
   CHECK(tw_suggestion_report(ours, result, 1, &error));
   CHECK(tw_client_flush(client, 20000, &error));
   tw_study_free(study);
-  tw_spec_free(spec);
   CHECK(tw_client_delete_study(client, "forked", &error));
 }
 
 /* Work that takes longer than its lease renews it, as long as the daemon knows the trial. */
 static void renewed(const tw_client *client) {
   tw_error *error = NULL;
-  tw_spec *spec = new_spec();
-  tw_study *study = tw_client_study(client, "renewed", spec, &error);
-  succeed(error);
+  tw_study *study = opened(client, "renewed", new_spec());
   tw_suggestion *suggestion = tw_study_suggest(study, (tw_number[]){{"triangles", 1000}}, 1, &error);
   succeed(error);
   CHECK(tw_suggestion_source(suggestion) == TW_DAEMON);
@@ -517,7 +482,6 @@ static void renewed(const tw_client *client) {
   expect(error, TW_REFUSED, "renewed");
   tw_suggestion_free(suggestion);
   tw_study_free(study);
-  tw_spec_free(spec);
 }
 
 static volatile int loops_on = 1;
@@ -535,9 +499,7 @@ static void *frames(void *argument) {
 /* Whatever another thread does with a frame loop when the process is forked, the child's goes on. */
 static void forked_in_a_frame(const tw_client *client) {
   tw_error *error = NULL;
-  tw_spec *spec = new_spec();
-  tw_study *study = tw_client_study(client, "forked", spec, &error);
-  succeed(error);
+  tw_study *study = opened(client, "forked", new_spec());
   tw_tuner *tuner = tw_tuner_new(study, &error);
   succeed(error);
   pthread_t thread;
@@ -566,7 +528,6 @@ static void forked_in_a_frame(const tw_client *client) {
   tw_tuner_free(tuner);
   CHECK(tw_client_flush(client, 20000, &error));
   tw_study_free(study);
-  tw_spec_free(spec);
   CHECK(tw_client_delete_study(client, "forked", &error));
 }
 
@@ -603,8 +564,7 @@ static void scene(void) {
   tw_scene_free(scene);
   tw_mesh bad = meshes[0];
   bad.vertex_stride = 4;
-  CHECK(!tw_scene_new(&bad, 1, 0, &error));
-  expect(error, TW_INVALID, "vertex buffer");
+  FAILS(tw_scene_new(&bad, 1, 0, &error), TW_INVALID, "vertex buffer");
 }
 
 int main(int count, char **arguments) {
