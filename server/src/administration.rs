@@ -7,9 +7,10 @@
 use std::sync::Arc;
 use std::time::Duration;
 
+use treewright_core::words::Word as _;
 #[cfg(feature = "postgres")]
 use treewright_store::PostgresTokens;
-use treewright_store::tokens::{Scope, TokenError, TokenRecord, day};
+use treewright_store::tokens::{TokenError, TokenRecord, day};
 use treewright_store::{OpenError, SqliteTokens, TokenStore};
 
 use crate::access::token::Token;
@@ -94,7 +95,7 @@ async fn create(
         id: token.id().to_owned(),
         name: config.name.clone(),
         hash: token.hash(),
-        scope: config.scope.into(),
+        scope: config.scope,
         studies: config.reach(),
         quota: config.quota(),
         create_ms: now_ms,
@@ -107,7 +108,7 @@ async fn create(
         "treewrightd: token {} for {:?}: {}, {}, {}. Keep it: it is not shown again.",
         record.id,
         record.name,
-        scope(record.scope),
+        scope(&record),
         reach(&record),
         ending(&record, now_ms),
     );
@@ -127,7 +128,7 @@ async fn list(tokens: &dyn TokenStore, json: bool, now_ms: i64) -> Result<Comman
                 serde_json::json!({
                     "id": record.id,
                     "name": record.name,
-                    "scope": scope(record.scope),
+                    "scope": scope(record),
                     "studies": record.studies,
                     "quota": record.quota,
                     "live": record.is_live(now_ms),
@@ -154,7 +155,7 @@ async fn list(tokens: &dyn TokenStore, json: bool, now_ms: i64) -> Result<Comman
         table.add_row([
             record.id.clone(),
             record.name.clone(),
-            scope(record.scope).to_owned(),
+            scope(record),
             reach(record),
             ending(record, now_ms),
             used.trials.to_string(),
@@ -183,12 +184,8 @@ async fn revoke(
     Ok(CommandOutput { out: String::new(), note: format!("treewrightd: token {id} is {done}") })
 }
 
-fn scope(scope: Scope) -> &'static str {
-    match scope {
-        Scope::Read => "read",
-        Scope::Tune => "tune",
-        Scope::Admin => "admin",
-    }
+fn scope(record: &TokenRecord) -> String {
+    record.scope.word().to_lowercase()
 }
 
 fn reach(record: &TokenRecord) -> String {

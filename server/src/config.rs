@@ -24,7 +24,7 @@ pub use database::{Database, DatabaseArgument, DatabaseConfig};
 pub use guard::GuardConfig;
 pub use maintenance::{BackupConfig, FileDatabase, RestoreConfig};
 pub use peers::PeersConfig;
-pub use token::{CreateConfig, ScopeWord, TokenCommand};
+pub use token::{CreateConfig, TokenCommand};
 
 /// A tuning service for ray-tracing acceleration structures.
 ///

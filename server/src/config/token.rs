@@ -2,7 +2,9 @@
 
 use std::time::Duration;
 
-use clap::{Args, Subcommand, ValueEnum};
+use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
+use clap::{Args, Subcommand};
+use treewright_core::words::Word as _;
 use treewright_store::tokens::{Quota, Scope, Studies};
 
 use super::database::DatabaseConfig;
@@ -54,8 +56,8 @@ pub struct CreateConfig {
     pub name: String,
 
     /// What the token permits.
-    #[arg(long)]
-    pub scope: ScopeWord,
+    #[arg(long, value_parser = scope())]
+    pub scope: Scope,
 
     /// Only for this study, or for all studies whose id starts with the text before a final `*`. Can be
     /// repeated. Default: all studies.
@@ -107,25 +109,15 @@ impl CreateConfig {
     }
 }
 
-/// Scopes, as they are written on the command line.
-#[derive(Clone, Copy, Debug, ValueEnum)]
-pub enum ScopeWord {
-    /// Read studies and trials, and predict.
-    Read,
-    /// Also create studies and tune.
-    Tune,
-    /// Also change policies and spaces, exclude trials, rename and delete studies.
-    Admin,
-}
-
-impl From<ScopeWord> for Scope {
-    fn from(word: ScopeWord) -> Self {
-        match word {
-            ScopeWord::Read => Self::Read,
-            ScopeWord::Tune => Self::Tune,
-            ScopeWord::Admin => Self::Admin,
-        }
-    }
+/// Reads a scope, as it is written on the command line.
+fn scope() -> impl TypedValueParser<Value = Scope> {
+    let scopes = [
+        ("read", "Read studies and trials, and predict"),
+        ("tune", "Also create studies and tune"),
+        ("admin", "Also change policies and spaces, exclude trials, rename and delete studies"),
+    ];
+    PossibleValuesParser::new(scopes.map(|(word, about)| PossibleValue::new(word).help(about)))
+        .map(|word| Scope::from_word(&word.to_uppercase()).expect("clap passes on what is possible"))
 }
 
 fn token_name(text: &str) -> Result<String, String> {

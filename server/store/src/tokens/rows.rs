@@ -1,5 +1,7 @@
 //! Tokens as rows of the tables, for every database.
 
+use treewright_core::words::Word;
+
 use super::{Quota, Scope, Studies, TokenError, TokenRecord, Usage};
 use crate::error::StoreError;
 use crate::from_row::row;
@@ -28,7 +30,8 @@ impl TokenRow {
             id: self.id,
             name: self.name,
             hash: hash.map_err(|_| inconsistent("a token's hash has not 32 bytes".to_owned()))?,
-            scope: Scope::of_word(&self.scope)?,
+            scope: Scope::from_word(&self.scope)
+                .ok_or_else(|| inconsistent(format!("{:?} is no scope", self.scope)))?,
             studies: serde_json::from_str(&self.studies).map_err(json)?,
             quota: serde_json::from_str(&self.quota).map_err(json)?,
             create_ms: self.create_ms,
@@ -74,22 +77,10 @@ pub(crate) fn changed(id: &str, rows: u64) -> Result<(), TokenError> {
     if rows == 0 { Err(TokenError::NotFound { id: id.to_owned() }) } else { Ok(()) }
 }
 
-impl Scope {
-    /// The word in the tables.
-    pub(crate) fn word(self) -> &'static str {
-        match self {
-            Self::Read => "READ",
-            Self::Tune => "TUNE",
-            Self::Admin => "ADMIN",
-        }
-    }
-
-    fn of_word(word: &str) -> Result<Self, TokenError> {
-        [Self::Read, Self::Tune, Self::Admin]
-            .into_iter()
-            .find(|scope| scope.word() == word)
-            .ok_or_else(|| inconsistent(format!("{word:?} is no scope")))
-    }
+impl Word for Scope {
+    const WORDS: &'static [(Self, &'static str)] =
+        &[(Self::Read, "READ"), (Self::Tune, "TUNE"), (Self::Admin, "ADMIN")];
+    const RETIRED_WORDS: &'static [(Self, &'static str)] = &[];
 }
 
 impl Usage {
@@ -131,7 +122,7 @@ macro_rules! token_store {
                 .bind(&token.id)
                 .bind(&token.name)
                 .bind(token.hash.as_slice())
-                .bind(token.scope.word())
+                .bind(treewright_core::words::Word::word(token.scope))
                 .bind(studies)
                 .bind(quota)
                 .bind(token.create_ms)
