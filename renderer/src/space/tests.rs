@@ -43,7 +43,7 @@ fn the_papers_default_is_that_of_table_1() {
 
 #[test]
 fn the_full_default_is_the_best_of_the_measured_ones() {
-    let by_hand = RenderOptions { staged: true, bounce_flight: Packets::Single };
+    let by_hand = RenderOptions { staged: true, bounce_flight: Packets::Four };
     let ours = choice(&full(), "").expect("the default is valid");
     assert_eq!(ours.render, by_hand);
     let tree = tree(&full(), "");
