@@ -288,7 +288,7 @@ fn rounds_run_for_another_process_as_long_as_it_waits() {
     assert!(answer.status.success(), "{}", answer.status);
     let measured: serde_json::Value = serde_json::from_slice(&answer.stdout).expect("it is JSON");
     assert_eq!(measured.as_array().map(Vec::len), Some(2));
-    assert_eq!(measured[1]["render_ms"].as_array().map(Vec::len), Some(2));
+    assert_eq!(measured[1]["frames"].as_array().map(Vec::len), Some(2));
     assert!(!ask(10_000, false).status.success(), "who asked is gone");
     fails("rounds --scene builtin:quick", USAGE, &["`tune` starts"]);
 }

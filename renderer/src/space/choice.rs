@@ -104,12 +104,14 @@ pub(super) fn of_full(complete: &Configuration, robust: bool) -> Choice {
     let values = Values(complete);
     let tunable = values.text("backend") == Some(Backend::Tunable.name());
     let build = if tunable { BuildChoice::Tree(values.tree(robust)) } else { values.native(robust) };
+    let staged = values.boolean("staged");
+    // Path by path there are no rays that could take turns.
     let bounce_flight = match values.whole("bounce_flight", 1) {
-        4 => Packets::Four,
-        8 => Packets::Eight,
+        4 if staged => Packets::Four,
+        8 if staged => Packets::Eight,
         _ => Packets::Single,
     };
-    let render = RenderOptions { staged: values.boolean("staged"), bounce_flight };
+    let render = RenderOptions { staged, bounce_flight };
     Choice { render, ..Choice::from(build) }
 }
 

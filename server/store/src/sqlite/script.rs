@@ -58,7 +58,7 @@ fn bound(study: i64, rows: &Rows, text: String) -> Statements<'_> {
 
 /// The number of values that are bound below.
 fn parameters(rows: &Rows) -> usize {
-    2 * rows.forgotten.len() + 5 * rows.states.len() + 8 * rows.visits.len() + 21 * rows.trials.len()
+    2 * rows.forgotten.len() + 5 * rows.states.len() + 8 * rows.visits.len() + 22 * rows.trials.len()
 }
 
 fn bind_state<'q>(script: Statements<'q>, study: i64, row: &'q StateRow) -> Statements<'q> {
