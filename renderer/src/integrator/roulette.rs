@@ -6,8 +6,8 @@ use super::sampling::luminance;
 use super::vertex::{Path, Shadow};
 use crate::light_sampling::LightSampling;
 
-/// Random numbers of the decisions, away from those of the vertices.
-const PLACE: u32 = 1 << 24;
+/// Random numbers of the decisions, away from those of the vertices and of the ways through solids.
+const PLACE: u32 = 1 << 25;
 
 /// The thresholds of a frame.
 #[derive(Clone, Copy, Debug)]
