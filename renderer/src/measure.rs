@@ -127,8 +127,8 @@ impl Standing {
 }
 
 impl Measured {
-    /// With the rounds of a second process after its own. Who failed in one of them keeps its own alone, which
-    /// pair with the others' first.
+    /// With the rounds of a second process after its own. A contender that failed in one of them keeps its
+    /// own rounds alone, which pair with the others' first.
     #[must_use]
     pub fn joined(mut self, second: Measured) -> Self {
         self.failure = self.failure.or(second.failure);

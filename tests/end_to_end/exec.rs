@@ -215,7 +215,7 @@ fn a_local_daemon_is_started_once_and_ends_by_itself() {
     let home = tempfile::tempdir().expect("a folder");
     // A job of cron has no session.
     let session = home.path().join("run");
-    let program = |number: usize| at_home(home.path(), (number % 2 == 0).then_some(&*session));
+    let program = |number: usize| at_home(home.path(), number.is_multiple_of(2).then_some(&*session));
     let begin = |number: usize| {
         let mut command = program(number);
         command.args(["--server", "local", "--json", "ping"]);

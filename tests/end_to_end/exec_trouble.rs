@@ -133,8 +133,8 @@ fn helpers_that_stay_hold_nobody_up() {
 fn who_is_interrupted_shows_what_was_found() {
     let bench = Site::new();
     // After three trials, and after five with two pairs, comes a run that does not end.
-    let sessions: [(&str, &[&str], usize, u64, Option<u64>); 2] =
-        [("stopped", &[], 3, 3, None), ("paired", &["--trials", "5", "--confirm=20"], 5 + 2 * 2, 5, Some(2))];
+    let in_pairs: &[&str] = &["--trials", "5", "--confirm=20"];
+    let sessions = [("stopped", &[][..], 3, 3_u64, None), ("paired", in_pairs, 5 + 2 * 2, 5, Some(2_u64))];
     for (study, more, ended, trials, pairs) in sessions {
         let runs = bench.path(study);
         let script = format!(

@@ -11,6 +11,7 @@
 //! shows more and prints what happened.
 
 use std::collections::BTreeMap;
+use std::error::Error as _;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -178,7 +179,8 @@ async fn by_calls(storm: Arc<Storm>, number: u32) {
                     storm.acknowledged(answer.into_inner().trial.as_ref().expect("the stored trial"));
                     break;
                 }
-                Err(status) if is_wrong(status.code()) => {
+                // A status with a source was made on this side, out of a connection that broke.
+                Err(status) if status.source().is_none() && is_wrong(status.code()) => {
                     storm.refused(&trial, status.code(), status.message());
                     break;
                 }
