@@ -17,8 +17,9 @@
 //! * Trees shallower than 24 levels were never among the good ones, and every tenth of them cannot be built.
 //! * Camera rays and their shadow rays go in packets of sixteen, all others alone, in the order of their
 //!   pixels: neither other packets nor sorting pay, nor do other tiles or fewer threads.
-//! * From the second bounce on, several rays can take turns (`bounce_flight`): 1.03 times as fast in the geometric
-//!   mean of eight scenes, at most 1.09 (`docs/measurements/lean.md`). Path by path, and in scenes of instances, that is without effect.
+//! * From the second bounce on, several rays can take turns (`bounce_flight`): 1.03 times as fast in the
+//!   geometric mean of eight scenes, at most 1.09 (`docs/measurements/lean.md`). Path by path,
+//!   and in scenes of instances, that is without effect.
 //! * Only the best grouping of a finished tree makes nodes of sixteen, so it has a parameter of its own for
 //!   the width.
 //! * Only a scene of instances has something to copy or to open.
