@@ -2,7 +2,7 @@
 # Compiles tinybvh for this machine as target/native/libtreewright_tinybvh.so, a further peer of the benchmark of rays:
 #
 #   tools/tinybvh.sh
-#   TREEWRIGHT_TINYBVH=target/native/libtreewright_tinybvh.so cargo bench -p treewright-accel
+#   TREEWRIGHT_TINYBVH=target/native/libtreewright_tinybvh.so cargo bench -p treewright-accel -- $PWD/*.rays
 #
 # The header is that of the crate tinybvh-rs, which this repository's lock file pins.
 set -eu

@@ -59,7 +59,7 @@ pub const CLUSTER_SIZE_RANGE: std::ops::RangeInclusive<u32> = 1..=8;
 /// Permitted `instance_opening`.
 pub const INSTANCE_OPENING_RANGE: std::ops::RangeInclusive<u32> = 1..=16;
 
-/// Most rays of one class in a recording: half a gigabyte.
+/// Most rays of one class in a recording: half a gigabyte of memory.
 pub const RECORDED_RAYS_MAX: usize = 1 << 24;
 
 /// Permitted `rebuild_threshold`.

@@ -324,7 +324,8 @@ fn the_rays_of_a_frame_are_recorded() {
     let printed = succeeds(path, "rays --scene builtin:quick --detail 0.1 --size 24x16 --out quick.rays");
     assert!(printed.contains("384 primary") && printed.contains("quick.rays"), "{printed}");
     let file = std::fs::File::open(path.join("quick.rays")).expect("it was written");
-    let recording = Recording::read(std::io::BufReader::new(file)).expect("it can be read");
+    let reader = std::io::BufReader::new(file);
+    let recording: Recording = serde_json::from_reader(reader).expect("it can be read");
     let rays = |class| recording.sets.iter().find(|set| set.class == class).map_or(0, |set| set.rays.len());
     assert_eq!(rays(RayClass::Primary), 384);
     assert!(rays(RayClass::FirstBounce) > 0 && rays(RayClass::FirstShadow) > 0);

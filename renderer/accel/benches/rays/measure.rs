@@ -1,17 +1,15 @@
-//! Interleaved rounds of tracing, on one thread or on all.
+//! Interleaved rounds of tracing, on a number of threads.
 
 use std::error::Error;
 use std::hint::black_box;
 use std::time::Instant;
 
-use clap::ValueEnum;
 use rayon::ThreadPool;
 use rayon::prelude::*;
-use treewright_accel::recording::{RaySet, Recording};
+use treewright_accel::recording::{RayClass, RaySet, Recording};
 use treewright_accel::{Hit, Intersector, Packets, set_flush_denormals};
 
-use crate::contenders::Built;
-use crate::summary::{Cell, Row, Spread};
+use crate::contenders::{Built, Maker};
 
 /// Rays handed to a structure at once: the pixels of a tile of 16 × 16.
 const BATCH: usize = 256;
@@ -19,33 +17,16 @@ const BATCH: usize = 256;
 /// Rounds in which a packing is chosen.
 const CHOOSING_ROUNDS: usize = 3;
 
-/// On how many threads is traced.
-#[derive(Clone, Copy, Debug, ValueEnum)]
-pub(crate) enum Threads {
-    One,
-    All,
-    Both,
-}
-
-impl Threads {
-    /// The numbers, one after another.
-    pub(crate) fn counts(self) -> Vec<usize> {
-        let all = std::thread::available_parallelism().map_or(1, usize::from);
-        match self {
-            Self::One => vec![1],
-            Self::All => vec![all],
-            Self::Both if all == 1 => vec![1],
-            Self::Both => vec![1, all],
-        }
-    }
-}
-
-/// A structure in one way of packing each set's rays.
-struct Entrant<'a> {
-    built: &'a Built,
-    packed: bool,
-    /// By set.
-    packets: Vec<Packets>,
+/// The speed of a structure on a set of rays.
+pub(crate) struct Speed {
+    pub(crate) name: &'static str,
+    pub(crate) maker: Maker,
+    pub(crate) robust: bool,
+    /// Whether the best packing was chosen; otherwise every ray goes alone.
+    pub(crate) packed: bool,
+    pub(crate) class: RayClass,
+    /// Median over the rounds.
+    pub(crate) million_rays_per_s: f64,
 }
 
 /// Measures every structure with single rays, and those with packets of their own also with the best packing
@@ -55,65 +36,37 @@ pub(crate) fn measure(
     contenders: &[Built],
     threads: usize,
     rounds: u32,
-) -> Result<Vec<Row>, Box<dyn Error>> {
+) -> Result<Vec<Speed>, Box<dyn Error>> {
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(threads)
         .start_handler(|_| set_flush_denormals())
         .build()
         .map_err(|error| format!("{threads} threads cannot be started: {error}"))?;
-    let longest = recording.sets.iter().map(|set| set.rays.len()).max().unwrap_or(0);
-    let mut room = Room { hits: vec![None; longest], any: vec![false; longest] };
-    let mut entrants = Vec::new();
-    for built in contenders {
-        let single = vec![Packets::Single; recording.sets.len()];
-        entrants.push(Entrant { built, packed: false, packets: single });
-    }
-    for built in contenders.iter().filter(|built| built.packets) {
-        let best = |set| best_packing(&pool, built.intersector.as_ref(), set, &mut room);
-        let packets = recording.sets.iter().map(best).collect();
-        entrants.push(Entrant { built, packed: true, packets });
-    }
-    // Million rays a second by set, entrant and round.
-    let mut speeds = vec![vec![Vec::new(); entrants.len()]; recording.sets.len()];
-    for _ in 0..rounds {
-        for (set, (rays, speeds)) in recording.sets.iter().zip(&mut speeds).enumerate() {
-            for (entrant, speeds) in entrants.iter().zip(speeds) {
-                speeds.push(room.trace(
-                    &pool,
-                    entrant.built.intersector.as_ref(),
-                    entrant.packets[set],
-                    rays,
-                ));
+    let mut all = Vec::new();
+    for set in &recording.sets {
+        let mut room = Room { hits: vec![None; set.rays.len()], any: vec![false; set.rays.len()] };
+        let mut entrants: Vec<(&Built, bool, Packets)> =
+            contenders.iter().map(|built| (built, false, Packets::Single)).collect();
+        for built in contenders.iter().filter(|built| built.packets) {
+            let best = best_packing(&pool, built.intersector.as_ref(), set, &mut room);
+            entrants.push((built, true, best));
+        }
+        let mut speeds = vec![Vec::new(); entrants.len()];
+        for _ in 0..rounds {
+            for ((built, _, packets), speeds) in entrants.iter().zip(&mut speeds) {
+                speeds.push(room.trace(&pool, built.intersector.as_ref(), *packets, set));
             }
         }
+        all.extend(entrants.iter().zip(&speeds).map(|((built, packed, _), speeds)| Speed {
+            name: built.name,
+            maker: built.maker,
+            robust: built.robust,
+            packed: *packed,
+            class: set.class,
+            million_rays_per_s: median(speeds),
+        }));
     }
-    let rows = entrants.iter().enumerate().map(|(row, entrant)| Row {
-        name: if entrant.packed {
-            format!("{}, packets", entrant.built.name)
-        } else {
-            entrant.built.name.into()
-        },
-        maker: entrant.built.maker,
-        robust: entrant.built.robust,
-        packed: entrant.packed,
-        build_ms: Spread::of(&entrant.built.build_ms),
-        cells: recording
-            .sets
-            .iter()
-            .enumerate()
-            .map(|(set, rays)| {
-                let ratios: Vec<f64> =
-                    speeds[set][row].iter().zip(&speeds[set][0]).map(|(a, b)| a / b).collect();
-                Cell {
-                    class: rays.class,
-                    packets: entrant.packets[set],
-                    million_rays_per_s: Spread::of(&speeds[set][row]),
-                    over_native_medium: Spread::of(&ratios),
-                }
-            })
-            .collect(),
-    });
-    Ok(rows.collect())
+    Ok(all)
 }
 
 fn best_packing(pool: &ThreadPool, intersector: &dyn Intersector, set: &RaySet, room: &mut Room) -> Packets {
@@ -123,9 +76,16 @@ fn best_packing(pool: &ThreadPool, intersector: &dyn Intersector, set: &RaySet, 
             speeds.push(room.trace(pool, intersector, *packets, set));
         }
     }
-    let median = |speeds: &[f64]| Spread::of(speeds).median;
     let best = speeds.iter().max_by(|a, b| median(&a.1).total_cmp(&median(&b.1)));
     best.map_or(Packets::Single, |(packets, _)| *packets)
+}
+
+/// The median of at least one value.
+pub(crate) fn median(values: &[f64]) -> f64 {
+    let mut sorted = values.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    let middle = sorted.len() / 2;
+    (sorted[middle] + sorted[(sorted.len() - 1) / 2]) / 2.0
 }
 
 /// Room for answers, taken once.
@@ -143,7 +103,7 @@ impl Room {
         packets: Packets,
         set: &RaySet,
     ) -> f64 {
-        let (hits, any) = (&mut self.hits[..set.rays.len()], &mut self.any[..set.rays.len()]);
+        let (hits, any) = (&mut self.hits[..], &mut self.any[..]);
         let seconds = pool.install(|| {
             let begin = Instant::now();
             let batches = set.rays.par_chunks(BATCH);

@@ -1,130 +1,112 @@
-//! Results over all scenes: the recommended tree over each other kind of structure, by class of rays.
+//! Results over all scenes: the recommended tree over each other kind of structure, by class of rays, and
+//! what a ray costs in it.
 //!
 //! A ratio is one of medians over the rounds. Where several structures or packings stand on one side, the
 //! fastest in each scene and class counts: the best available choice.
 
-use std::fmt;
-
+use comfy_table::{CellAlignment, LineStyle, Table, presets};
+use treewright_accel::Visits;
 use treewright_accel::recording::RayClass;
 
 use crate::contenders::{Maker, RECOMMENDED};
-use crate::summary::{Row, SceneResults, SetResults, Spread, table, threads_in_words};
+use crate::measure::{Speed, median};
 
-/// A comparison: its words, and the rows on its two sides.
-type Comparison = (&'static str, fn(&Row) -> bool, fn(&Row) -> bool);
+/// One scene on one number of threads.
+pub(crate) struct Scene {
+    pub(crate) threads: usize,
+    /// Class and number of the rays of each set, and what they visit.
+    pub(crate) visits: Vec<(RayClass, usize, Visits)>,
+    pub(crate) speeds: Vec<Speed>,
+}
 
-const COMPARISONS: [Comparison; 6] = [
+/// A comparison: its words, and the measurements on its two sides.
+type Comparison = (&'static str, fn(&Speed) -> bool, fn(&Speed) -> bool);
+
+const COMPARISONS: [Comparison; 7] = [
     (
         "single rays over native's best",
-        |row| is_recommended(row) && !row.packed,
-        |row| is_native(row) && !row.packed,
+        |one| is_ours(one) && !one.packed,
+        |one| is_native(one) && !one.packed,
     ),
-    ("any packing over native's best", is_recommended, is_native),
+    ("the recommended tree alone", is_recommended, |one| is_native(one) && !one.packed),
+    ("any packing over native's best", is_ours, is_native),
     (
         "single rays over tinybvh's best",
-        |row| is_recommended(row) && !row.packed,
-        |row| row.name.starts_with("tinybvh"),
+        |one| is_ours(one) && !one.packed,
+        |one| one.name.starts_with("tinybvh"),
     ),
-    (
-        "single rays over obvhs's best",
-        |row| is_recommended(row) && !row.packed,
-        |row| row.name.starts_with("obvhs"),
-    ),
-    (
-        "robust over not robust, single rays",
-        |row| is_robust(row) && !row.packed,
-        |row| row.name == RECOMMENDED,
-    ),
-    ("robust over native robust, any packing", is_robust, |row| row.maker == Maker::Native && row.robust),
+    ("single rays over obvhs's best", |one| is_ours(one) && !one.packed, |one| one.name.starts_with("obvhs")),
+    ("robust over not robust, single rays", |one| is_robust(one) && !one.packed, is_recommended),
+    ("robust over native robust, any packing", is_robust, |one| one.maker == Maker::Native && one.robust),
 ];
 
-fn is_recommended(row: &Row) -> bool {
-    row.maker == Maker::Treewright && row.name.starts_with(RECOMMENDED) && !row.robust
+fn is_ours(one: &Speed) -> bool {
+    one.maker == Maker::Treewright && !one.robust
 }
 
-fn is_robust(row: &Row) -> bool {
-    row.maker == Maker::Treewright && row.name.starts_with(RECOMMENDED) && row.robust
+fn is_robust(one: &Speed) -> bool {
+    one.maker == Maker::Treewright && one.robust
 }
 
-fn is_native(row: &Row) -> bool {
-    row.maker == Maker::Native && !row.robust
+fn is_native(one: &Speed) -> bool {
+    one.maker == Maker::Native && !one.robust
 }
+
+/// The recommended tree with single rays.
+fn is_recommended(one: &Speed) -> bool {
+    one.name == RECOMMENDED && !one.packed
+}
+
+/// A cost of a ray: its name, and the figure from what a number of rays visit and the speed of single rays in
+/// millions a second.
+type Quantity = (&'static str, fn(&Visits, f64, f64) -> f64);
+
+const QUANTITIES: [Quantity; 5] = [
+    ("nodes a ray", |visits, rays, _| visits.nodes as f64 / rays),
+    ("blocks of triangles a ray", |visits, rays, _| visits.blocks as f64 / rays),
+    ("KiB a ray", |visits, rays, _| visits.bytes as f64 / rays / 1024.0),
+    ("GB/s of single rays", |visits, rays, speed| visits.bytes as f64 / rays * speed / 1e3),
+    ("million single rays a second", |_, _, speed| speed),
+];
 
 /// All scenes on one number of threads.
-pub(crate) struct Overview {
-    threads: usize,
-    scenes: usize,
-    /// By comparison and class, the ratio of each scene that has both sides.
-    ratios: Vec<ByClass>,
-    /// By quantity and class, what a single ray visits in the recommended tree, in each scene.
-    visits: Vec<ByClass>,
-}
-
-/// A figure of each scene, by class of rays.
-type ByClass = [Vec<f64>; RayClass::ALL.len()];
-
-/// A cost of a ray: its name, and the figure from a set and its speed in million rays a second.
-type Quantity = (&'static str, fn(&SetResults, f64) -> f64);
-
-const QUANTITIES: [Quantity; 4] = [
-    ("nodes a ray", |set, _| set.visits.nodes as f64 / set.rays as f64),
-    ("blocks of triangles a ray", |set, _| set.visits.blocks as f64 / set.rays as f64),
-    ("KiB a ray", |set, _| set.visits.bytes as f64 / set.rays as f64 / 1024.0),
-    ("GB/s of single rays", |set, speed| set.visits.bytes as f64 / set.rays as f64 * speed / 1e3),
-];
-
-impl Overview {
-    pub(crate) fn new(scenes: &[SceneResults], threads: usize) -> Self {
-        let scenes: Vec<&SceneResults> = scenes.iter().filter(|scene| scene.threads == threads).collect();
-        let ratios = COMPARISONS.iter().map(|(_, ours, theirs)| {
-            RayClass::ALL.map(|class| {
-                let ratio = |scene: &&SceneResults| {
-                    Some(fastest(&scene.rows, *ours, class)? / fastest(&scene.rows, *theirs, class)?)
-                };
-                scenes.iter().filter_map(ratio).collect()
-            })
-        });
-        let visits = QUANTITIES.iter().map(|(_, quantity)| {
-            RayClass::ALL.map(|class| {
-                let figure = |scene: &&SceneResults| {
-                    let set = scene.sets.iter().find(|set| set.class == class && set.rays > 0)?;
-                    Some(quantity(set, fastest(&scene.rows, |row| row.name == RECOMMENDED, class)?))
-                };
-                scenes.iter().filter_map(figure).collect()
-            })
-        });
-        Self { threads, scenes: scenes.len(), ratios: ratios.collect(), visits: visits.collect() }
+pub(crate) fn table(scenes: &[Scene], threads: usize) -> Table {
+    let scenes: Vec<&Scene> = scenes.iter().filter(|scene| scene.threads == threads).collect();
+    let mut table = Table::new();
+    table
+        .load_style(presets::UTF8_HORIZONTAL_ONLY.row_separator(LineStyle::none()))
+        .set_header(std::iter::once("median (least, most)").chain(RayClass::ALL.map(RayClass::name)));
+    for column in table.column_iter_mut().skip(1) {
+        column.set_cell_alignment(CellAlignment::Right);
     }
-}
-
-/// Million rays a second of the fastest of some rows.
-fn fastest(rows: &[Row], of: impl Fn(&Row) -> bool, class: RayClass) -> Option<f64> {
-    let cells = rows.iter().filter(|row| of(row)).flat_map(|row| &row.cells);
-    cells.filter(|cell| cell.class == class).map(|cell| cell.million_rays_per_s.median).reduce(f64::max)
-}
-
-impl fmt::Display for Overview {
-    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let threads = threads_in_words(self.threads);
-        writeln!(
-            formatter,
-            "all {} scenes, {threads}: the best of the recommended trees over the best of the others, class by class: median (least, most)",
-            self.scenes
-        )?;
-        let heads = RayClass::ALL.iter().map(|class| class.name().to_owned());
-        let mut table = table(std::iter::once(String::new()).chain(heads));
-        let comparisons = COMPARISONS.iter().map(|(name, ..)| *name).zip(&self.ratios);
-        let quantities = QUANTITIES.iter().map(|(name, _)| *name).zip(&self.visits);
-        for (name, ratios) in comparisons.chain(quantities) {
-            let cells = ratios.iter().map(|ratios| {
-                let range =
-                    ratios.iter().copied().reduce(f64::min).zip(ratios.iter().copied().reduce(f64::max));
-                range.map_or("–".to_owned(), |(least, most)| {
-                    format!("{:.2} ({least:.2}, {most:.2})", Spread::of(ratios).median)
-                })
-            });
-            table.add_row(std::iter::once(name.to_owned()).chain(cells));
-        }
-        write!(formatter, "{table}")
+    for (name, ours, theirs) in COMPARISONS {
+        let ratio =
+            |scene: &Scene, class| Some(fastest(scene, ours, class)? / fastest(scene, theirs, class)?);
+        table.add_row(row(name, |class| scenes.iter().filter_map(|scene| ratio(scene, class)).collect()));
     }
+    for (name, quantity) in QUANTITIES {
+        let figure = |scene: &Scene, class| {
+            let (_, rays, visits) = scene.visits.iter().find(|(of, rays, _)| *of == class && *rays > 0)?;
+            Some(quantity(visits, *rays as f64, fastest(scene, is_recommended, class)?))
+        };
+        table.add_row(row(name, |class| scenes.iter().filter_map(|scene| figure(scene, class)).collect()));
+    }
+    table
+}
+
+fn row(name: &str, of: impl Fn(RayClass) -> Vec<f64>) -> Vec<String> {
+    let cells = RayClass::ALL.map(|class| {
+        let values = of(class);
+        let range = values.iter().copied().reduce(f64::min).zip(values.iter().copied().reduce(f64::max));
+        range.map_or("–".to_owned(), |(least, most)| {
+            format!("{:.2} ({least:.2}, {most:.2})", median(&values))
+        })
+    });
+    std::iter::once(name.to_owned()).chain(cells).collect()
+}
+
+/// Million rays a second of the fastest of some structures.
+fn fastest(scene: &Scene, of: fn(&Speed) -> bool, class: RayClass) -> Option<f64> {
+    let some = scene.speeds.iter().filter(|one| one.class == class && of(one));
+    some.map(|one| one.million_rays_per_s).reduce(f64::max)
 }

@@ -1,7 +1,7 @@
 //! `treewright-render rays`: the rays of one frame, recorded for `cargo bench -p treewright-accel`.
 
 use std::fs::File;
-use std::io::BufWriter;
+use std::io::{BufWriter, Write};
 use std::path::PathBuf;
 
 use clap::Args;
@@ -60,8 +60,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
         .map_err(|error| CliError::Failed(format!("a thread for recording cannot be started: {error}")))?;
     let prepared = Prepared::new(scene.clone());
     let recording = pool.install(|| record(&prepared, &structure, &view, &mut film));
-    let file = File::create(&arguments.out).map_err(unwritable)?;
-    recording.write(BufWriter::new(file)).map_err(unwritable)?;
+    let mut file = BufWriter::new(File::create(&arguments.out).map_err(unwritable)?);
+    let written = serde_json::to_writer(&mut file, &recording).map_err(std::io::Error::from);
+    written.and_then(|()| file.flush()).map_err(unwritable)?;
     println!("{}: {} triangles", scene.name, scene.triangles.len());
     for set in &recording.sets {
         println!("{:>9} {}", set.rays.len(), set.class.name());
