@@ -5,12 +5,13 @@ use std::sync::Arc;
 
 use glam::Vec3;
 use treewright_accel::{BuildChoice, Hit, Intersector, Packets, Ray, Structure, Update};
+use treewright_client::Configuration;
 use treewright_renderer::film::{Film, Picture};
 use treewright_renderer::frame::Renderer;
 use treewright_renderer::integrator::random::PathRandom;
 use treewright_renderer::integrator::{Lens, View};
 use treewright_renderer::render_options::RenderOptions;
-use treewright_renderer::space::{Choice, Premises, Preset, TuningSpace, parse};
+use treewright_renderer::space::{Choice, TuningSpace};
 use treewright_scene::Scene;
 
 use crate::scenes::Kind;
@@ -29,11 +30,6 @@ const EDGE_RAYS_MAX: usize = 3;
 
 /// A path that passes an edge on the other side changes a pixel of a small picture.
 const PICTURE_DIFFERENCE_MAX: f64 = 0.03;
-
-/// A space by its line's first word.
-pub(crate) fn space(robust: bool) -> TuningSpace {
-    TuningSpace::new(Preset::Full, &Premises { robust, ..Premises::all() })
-}
 
 /// A scene with the answers of brute force.
 pub(crate) struct Case {
@@ -58,9 +54,8 @@ impl Case {
 
     /// Runs a configuration and returns its fault, if any. A configuration that cannot be built here has
     /// none.
-    pub(crate) fn run(&mut self, robust: bool, configuration: &str) -> Result<(), String> {
-        let given = parse(configuration).map_err(|error| error.to_string())?;
-        let choice = space(robust).choice(&given).map_err(|error| error.to_string())?;
+    pub(crate) fn run(&mut self, space: &TuningSpace, configuration: &Configuration) -> Result<(), String> {
+        let choice = space.choice(configuration).map_err(|error| error.to_string())?;
         let Some(structure) = self.build(&choice)? else {
             return Ok(());
         };

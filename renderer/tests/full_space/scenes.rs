@@ -12,7 +12,7 @@ use treewright_scene::shapes::Shapes;
 use treewright_scene::{Material, Scene, Sky};
 
 /// The scene that a structure is built over.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug)]
 pub(crate) enum Kind {
     Flat,
     Instanced,
@@ -24,27 +24,15 @@ pub(crate) enum Kind {
 }
 
 impl Kind {
-    const NAMES: [(Self, &str); 7] = [
-        (Self::Flat, "flat"),
-        (Self::Instanced, "instanced"),
-        (Self::Moving, "moving"),
-        (Self::MovingInstanced, "moving-instanced"),
-        (Self::Masked, "masked"),
-        (Self::MaskedInstanced, "masked-instanced"),
-        (Self::MovingMasked, "moving-masked"),
+    pub(crate) const ALL: [Self; 7] = [
+        Self::Flat,
+        Self::Instanced,
+        Self::Moving,
+        Self::MovingInstanced,
+        Self::Masked,
+        Self::MaskedInstanced,
+        Self::MovingMasked,
     ];
-
-    pub(crate) fn all() -> [Self; 7] {
-        Self::NAMES.map(|(kind, _)| kind)
-    }
-
-    pub(crate) fn name(self) -> &'static str {
-        Self::NAMES[self as usize].1
-    }
-
-    pub(crate) fn named(name: &str) -> Option<Self> {
-        Self::all().into_iter().find(|kind| kind.name() == name)
-    }
 
     /// The scene, and for one that moves its state a moment later.
     pub(crate) fn scenes(self) -> Vec<Arc<Scene>> {
