@@ -16,66 +16,28 @@ use scenes::verdict::{hold, verdicts};
 
 /// Every kind of node, of block and of test, and every builder.
 fn parameters() -> Vec<TreeParameters> {
-    let plain = TreeParameters { max_depth: 64, max_leaf_size: 20, ..TreeParameters::default() };
-    let mut all = back_ends::tree_kinds(plain);
-    // The optimal collapse of every width and builder, with more and less reinsertion.
-    let mut number = 0;
-    for branching_factor in [2, 4, 8, 16] {
-        for quality in [Quality::Morton, Quality::Sah, Quality::SahSplit] {
-            for reinsertion_passes in [0, 1, 5] {
-                number += 1;
-                all.push(TreeParameters {
-                    quality,
-                    branching_factor,
-                    collapse: Collapse::Optimal,
-                    reinsertion_passes,
-                    block_width: if number % 5 < 3 { 4 } else { 8 },
-                    max_depth: 64,
-                    min_leaf_size: 1 + number % 3,
-                    max_leaf_size: 12,
-                    sah_block_size: 4,
-                    robust: number % 4 == 0,
-                    ..TreeParameters::default()
-                });
-            }
-        }
-    }
-    // Our own builder with every radius: as it is, and optimised.
-    for (number, search_radius) in [4, 8, 16, 32].into_iter().enumerate() {
-        for collapse in [Collapse::Builder, Collapse::Optimal] {
-            for branching_factor in [2, 4, 8] {
-                all.push(TreeParameters {
-                    builder: Builder::Ploc,
-                    search_radius,
-                    cluster_size: 1 << number,
-                    branching_factor,
-                    collapse,
-                    reinsertion_passes: number as u32,
-                    block_width: if number % 2 == 0 { 8 } else { 4 },
-                    max_depth: 64,
-                    min_leaf_size: 1 + number as u32,
-                    max_leaf_size: 12,
-                    sah_block_size: 4,
-                    robust: number == 1,
-                    ..TreeParameters::default()
-                });
-            }
-        }
-    }
-    for branching_factor in [2, 4, 8] {
-        for quality in [Quality::Morton, Quality::Sah, Quality::SahSplit] {
-            for robust in [false, true] {
-                let sizes = if quality == Quality::Sah { (1, 32) } else { (2, 6) };
-                all.push(TreeParameters {
-                    quality,
-                    branching_factor,
-                    max_depth: 64,
-                    min_leaf_size: sizes.0,
-                    max_leaf_size: sizes.1,
-                    robust,
-                    ..TreeParameters::default()
-                });
-            }
+    let mut all = back_ends::trees();
+    // The optimal collapse of every width and builder, and our own builder with every radius, with more and
+    // less reinsertion.
+    let qualities = [Quality::Morton, Quality::Sah, Quality::SahSplit, Quality::Sah];
+    for (number, quality) in (0..).zip(qualities) {
+        for builder in [Builder::Embree, Builder::Ploc] {
+            all.push(TreeParameters {
+                quality,
+                branching_factor: 2 << number,
+                collapse: Collapse::Optimal,
+                builder,
+                search_radius: 4 << number,
+                cluster_size: 1 << number,
+                reinsertion_passes: 2 * number,
+                block_width: if number % 2 == 0 { 8 } else { 4 },
+                max_depth: 64,
+                min_leaf_size: 1 + number,
+                max_leaf_size: 12,
+                sah_block_size: 4,
+                robust: number == 1,
+                ..TreeParameters::default()
+            });
         }
     }
     all
