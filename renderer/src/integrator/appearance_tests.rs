@@ -242,23 +242,6 @@ fn a_ball_of_glass_shows_the_world_upside_down_and_a_thin_one_does_not() {
     assert!(above > 2.0 * below, "{above} {below}");
 }
 
-#[test]
-fn an_even_environment_is_an_even_sky() {
-    for material in
-        [matt(), Material { metallic: 1.0, roughness: 0.4, base_color: Vec3::ONE, ..Material::default() }]
-    {
-        let light = |environment: Option<Environment>| {
-            let sky = if environment.is_some() { Sky::BLACK } else { WHITE };
-            let mut ball = scene(&ball(), material, vec![], sky);
-            ball.environment = environment.map(Arc::new);
-            render(ball, Vec3::Z * 4.0, 26.0, 32).mean_luminance()
-        };
-        let even = Environment::new(16, vec![Vec3::ONE; 16 * 8]).expect("it is sound");
-        let ratio = light(Some(even)) / light(None);
-        assert!((ratio - 1.0).abs() < 0.01, "{ratio}");
-    }
-}
-
 /// A box without a lid, in which light is reflected more often than paths bounce.
 #[test]
 fn a_sky_is_as_bright_as_a_picture_of_it() {

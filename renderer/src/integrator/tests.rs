@@ -124,21 +124,6 @@ fn a_white_body_vanishes_in_a_white_furnace() {
 }
 
 #[test]
-fn a_white_rough_body_vanishes_in_the_furnace_too() {
-    let furnace = Sky { zenith: Vec3::ONE, horizon: Vec3::ONE, sun: None };
-    for metallic in [0.0, 0.5, 1.0] {
-        for roughness in [0.3, 0.5, 0.7, 1.0] {
-            let material = Material { base_color: Vec3::ONE, metallic, roughness, ..Material::default() };
-            let body = scene(&[(sphere(0.7, 3), material)], furnace);
-            // The body alone fills the picture.
-            let near = Camera { vertical_fov_deg: 12.0, ..camera(Vec3::Z * 3.0, Vec3::ZERO) };
-            let mean = render(&body, near, 64).0.mean_luminance();
-            assert!((mean - 1.0).abs() < 0.02, "metallic {metallic}, roughness {roughness}: {mean}");
-        }
-    }
-}
-
-#[test]
 fn inside_a_glowing_ball_a_grey_patch_shows_its_albedo() {
     // Irradiance inside a closed surface of radiance 1 is π everywhere, so radiance is the albedo: light
     // sampling, surface sampling and their weights must add up to it.
