@@ -1,11 +1,11 @@
 //! Records the rays of a frame: an [`Intersector`] in front of another one that writes down its queries.
 //!
 //! The path tracer does not know that it is watched, so the rays are those of a real frame, path by path on
-//! one thread. The class of a ray follows from the order of a path's queries: its first ray starts at the
-//! camera's eye, every further one is a bounce, and shadow rays belong to the point before them. Last rays
-//! that only ask whether they reach the sky count as shadow rays. Rays that go on behind a thin
-//! sheet in the same direction are continuations and left out. At the end the paths are brought into blocks
-//! of 4×4 pixels, the order in which a renderer hands them out in packets.
+//! one thread, in the order of pixels in which a renderer hands them out in packets. The class of a ray
+//! follows from the order of a path's queries: its first ray starts at the camera's eye, every further one is
+//! a bounce, and shadow rays belong to the point before them. Last rays that only ask whether they reach the
+//! sky count as shadow rays. Rays that go on behind a thin sheet in the same direction are continuations and
+//! left out.
 
 use std::sync::{Mutex, PoisonError};
 
@@ -17,10 +17,6 @@ use treewright_accel::{Hit, Intersector, Ray};
 use crate::film::Film;
 use crate::integrator::{Prepared, View, render_sample};
 use crate::render_options::RenderOptions;
-use treewright_scene::Camera;
-
-/// Edge of the blocks of pixels that paths are ordered by.
-const BLOCK: u32 = 4;
 
 /// Renders one sample a pixel and gives the triangles with the rays it took, [`RECORDED_RAYS_MAX`] a class at
 /// most. Runs on the calling thread's rayon pool, which must have one thread.
@@ -30,45 +26,20 @@ pub fn record<I: Intersector>(
     view: &View,
     film: &mut Film,
 ) -> Recording {
-    let recorder = Recorder {
-        intersector,
-        eye: view.camera.position,
-        log: Mutex::new(Log {
-            asked: Vec::new(),
-            path: 0,
-            depth: 0,
-            last: Vec3::ZERO,
-            last_shadow: Vec3::ZERO,
-        }),
-    };
+    let sets = RayClass::ALL.map(|class| RaySet { class, rays: Vec::new() });
+    let log = Log { sets, depth: 0, last: Vec3::ZERO, last_shadow: Vec3::ZERO };
+    let recorder = Recorder { intersector, eye: view.camera.position, log: Mutex::new(log) };
     // Path by path: the class of a query follows from its order.
     render_sample(prepared, &recorder, view, &RenderOptions::default(), prepared.needs, film);
     let log = recorder.log.into_inner().unwrap_or_else(PoisonError::into_inner);
-    let blocks = blocks(&log.asked, &view.camera, film.width(), film.height());
-    let sets = RayClass::ALL.map(|class| {
-        let mut asked: Vec<&Asked> = log.asked.iter().filter(|asked| asked.class == class).collect();
-        asked.sort_by_key(|asked| blocks[asked.path]);
-        let rays = asked.into_iter().take(RECORDED_RAYS_MAX).map(|asked| asked.ray).collect();
-        RaySet { class, rays }
-    });
-    let sets = sets.into_iter().filter(|set| !set.rays.is_empty()).collect();
+    let sets = log.sets.into_iter().filter(|set| !set.rays.is_empty()).collect();
     Recording { triangles: prepared.scene.triangles.clone(), sets }
-}
-
-/// A question about one ray.
-#[derive(Clone, Copy, Debug)]
-struct Asked {
-    class: RayClass,
-    /// Number of the path, from 0.
-    path: usize,
-    ray: Ray,
 }
 
 /// The queries so far, and the progress of the present path.
 struct Log {
-    asked: Vec<Asked>,
-    /// Paths begun.
-    path: usize,
+    /// In the order of [`RayClass::ALL`].
+    sets: [RaySet; RayClass::ALL.len()],
     /// Surfaces the present path was scattered at.
     depth: u32,
     /// Direction of the latest ray of the path.
@@ -80,7 +51,6 @@ struct Log {
 impl Log {
     fn closest(&mut self, ray: &Ray, eye: Vec3) {
         let class = if ray.origin == eye {
-            self.path += 1;
             self.depth = 0;
             RayClass::Primary
         } else if ray.direction == self.last || ray.direction == self.last_shadow {
@@ -104,8 +74,9 @@ impl Log {
     }
 
     fn push(&mut self, class: RayClass, ray: &Ray) {
-        if ray.is_valid() && self.path > 0 {
-            self.asked.push(Asked { class, path: self.path - 1, ray: *ray });
+        let rays = &mut self.sets[class as usize].rays;
+        if ray.is_valid() && rays.len() < RECORDED_RAYS_MAX {
+            rays.push(*ray);
         }
     }
 }
@@ -127,23 +98,6 @@ impl<I: Intersector> Intersector for Recorder<'_, I> {
         self.log.lock().unwrap_or_else(PoisonError::into_inner).occluded(ray);
         self.intersector.occluded(ray)
     }
-}
-
-/// Where each path's pixel lies: row and column of its block, then row and column inside it.
-fn blocks(asked: &[Asked], camera: &Camera, width: u32, height: u32) -> Vec<[u32; 4]> {
-    let [right, up, forward] = camera.axes();
-    let half_height = camera.half_height(width as f32 / height as f32);
-    let half_width = half_height * width as f32 / height as f32;
-    let primary = asked.iter().filter(|asked| asked.class == RayClass::Primary);
-    primary
-        .map(|asked| {
-            let depth = asked.ray.direction.dot(forward);
-            let across = 0.5 + 0.5 * asked.ray.direction.dot(right) / (depth * half_width);
-            let down = 0.5 - 0.5 * asked.ray.direction.dot(up) / (depth * half_height);
-            let (x, y) = ((across * width as f32) as u32, (down * height as f32) as u32);
-            [y / BLOCK, x / BLOCK, y % BLOCK, x % BLOCK]
-        })
-        .collect()
 }
 
 #[cfg(test)]
