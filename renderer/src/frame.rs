@@ -359,11 +359,9 @@ impl Renderer {
     /// as it was or refitted.
     pub fn follow(&self, structure: &mut Structure, update: Update) -> Result<f64, BuildError> {
         let begin = Instant::now();
-        let (device, triangles) = (&self.device, &self.prepared.scene.triangles);
-        self.pool.install(|| match &self.prepared.scene.instances {
-            Some(instances) => structure.update_instanced(device, triangles, instances, update),
-            None => structure.update(device, triangles, update),
-        })?;
+        let scene = &self.prepared.scene;
+        let instances = scene.instances.as_ref();
+        self.pool.install(|| structure.update(&self.device, &scene.triangles, instances, update))?;
         Ok(milliseconds(begin))
     }
 

@@ -109,39 +109,28 @@ fn native_instead(parameters: &TreeParameters) -> Option<NativeOptions> {
 
 impl Structure {
     /// Brings the structure up to date with triangles that moved: as many as before, and each with the number
-    /// it had. Two levels update each object that moves in its own space, then place the instances as before.
-    /// After an error the structure is unchanged or refitted; it can be used either way.
+    /// it had. Where it has two levels, `instances` that moved as well are of the same objects in the same
+    /// order; without any, all stand as before.
+    ///
+    /// Two levels update each object that moves in its own space. One that rests keeps its structure, under
+    /// every `update`. Where all do, the tree over the instances is fitted to their new places, and made anew
+    /// for [`Update::Rebuild`] or where its cost has grown beyond the threshold of [`Update::Partial`]. Native
+    /// ones make it anew each time. After an error the structure is unchanged or refitted; it can be used
+    /// either way.
     pub fn update(
         &mut self,
         device: &Device,
         triangles: &Arc<Triangles>,
+        instances: Option<&Arc<Instances>>,
         update: Update,
     ) -> Result<(), BuildError> {
         match self {
+            Self::TwoLevel(two_level) => two_level.update(device, triangles, instances, update),
+            Self::NativeInstances(native) => native.update(triangles, instances, update),
+            Self::BruteForce(brute_force) => brute_force.update(triangles, instances),
+            Self::Tree(_) | Self::Native(_) if instances.is_some() => Err(BuildError::OtherInstances),
             Self::Tree(tree) => tree.update(device, triangles, update),
             Self::Native(native) => native.update(triangles, update),
-            Self::TwoLevel(two_level) => two_level.update(device, triangles, None, update),
-            Self::NativeInstances(native) => native.update(triangles, None, update),
-            Self::BruteForce(brute_force) => brute_force.update(triangles, None),
-        }
-    }
-
-    /// As [`Self::update`] where instances moved as well: of the same objects in the same order. An object
-    /// that rests in its own space keeps its structure, under every `update`. Where all do, the tree over the
-    /// instances is fitted to their new places, and made anew for [`Update::Rebuild`] or where its cost has
-    /// grown beyond the threshold of [`Update::Partial`]. Native ones make it anew each time.
-    pub fn update_instanced(
-        &mut self,
-        device: &Device,
-        triangles: &Arc<Triangles>,
-        instances: &Arc<Instances>,
-        update: Update,
-    ) -> Result<(), BuildError> {
-        match self {
-            Self::TwoLevel(two_level) => two_level.update(device, triangles, Some(instances), update),
-            Self::NativeInstances(native) => native.update(triangles, Some(instances), update),
-            Self::BruteForce(brute_force) => brute_force.update(triangles, Some(instances)),
-            Self::Tree(_) | Self::Native(_) => Err(BuildError::OtherInstances),
         }
     }
 

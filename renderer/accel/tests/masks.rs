@@ -127,7 +127,7 @@ fn masks_move_with_their_triangles() {
                 let wave = |at: &Vec3A| *at + Vec3A::Y * (0.4 * (3.0 * at.x + 9.0 * moment).sin());
                 let moved = first.moved(first.positions().iter().map(wave).collect()).expect("in range");
                 let moved = Arc::new(moved);
-                structure.update(&device(), &moved, update).expect("it follows");
+                structure.update(&device(), &moved, None, update).expect("it follows");
                 let expected = hits(&BruteForce::new(&moved), &rays);
                 check(&format!("{choice:?}, {update:?}, {moment}"), &structure, &rays, &expected);
             }
@@ -145,8 +145,8 @@ fn masks_lose_and_gain_nothing_by_an_update() {
         for update in [Update::Refit, Update::Rebuild] {
             let mut structure = build(&device(), &solid, &choice).expect("it builds");
             for next in [masked(&solid, 13), Arc::clone(&solid), uniform(&solid, 0)] {
-                structure.update(&device(), &next, update).expect("it follows");
-                structure.update(&device(), &next, update).expect("it follows");
+                structure.update(&device(), &next, None, update).expect("it follows");
+                structure.update(&device(), &next, None, update).expect("it follows");
                 check(&format!("{choice:?}"), &structure, &rays, &hits(&BruteForce::new(&next), &rays));
             }
         }

@@ -106,7 +106,9 @@ fn follows(name: &str, triangles: &Arc<Triangles>, motion: Motion) {
             for step in 1..=3 {
                 let now = moved(triangles, motion, step as f32 / 3.0);
                 let what = format!("{name}, {choice:?}, {update:?}, step {step}");
-                structure.update(&device, &now, update).unwrap_or_else(|error| panic!("{what}: {error}"));
+                structure
+                    .update(&device, &now, None, update)
+                    .unwrap_or_else(|error| panic!("{what}: {error}"));
                 validate(&what, &structure);
                 let corners = |hit: &Hit| now.corners(hit.triangle as usize);
                 agree(&what, &structure, &BruteForce::new(&now), &corners, &rays);
@@ -144,7 +146,7 @@ fn the_choice_of_kernels_survives() {
     for update in UPDATES {
         let tree = tree(&triangles, &TreeParameters { max_depth: 64, ..TreeParameters::default() });
         let mut structure = Structure::Tree(tree.with_isa(Isa::Scalar).expect("it is always there"));
-        structure.update(&device, &moved(&triangles, turn, 0.9), update).expect("it follows");
+        structure.update(&device, &moved(&triangles, turn, 0.9), None, update).expect("it follows");
         assert!(matches!(&structure, Structure::Tree(tree) if tree.isa() == Isa::Scalar), "{update:?}");
     }
 }
@@ -160,7 +162,7 @@ fn a_partial_update_keeps_the_tree_good() {
         let mut structure = build(&device, &triangles, &choice).expect("it builds");
         for step in 1..=4 {
             structure
-                .update(&device, &moved(&triangles, turn, step as f32 / 4.0), update)
+                .update(&device, &moved(&triangles, turn, step as f32 / 4.0), None, update)
                 .expect("it follows");
         }
         structure.statistics().tree.expect("it is a tree of ours").sah_cost
@@ -169,36 +171,6 @@ fn a_partial_update_keeps_the_tree_good() {
     let partial = cost(Update::partial(1.2));
     assert!(refitted > 2.0 * rebuilt, "the motion is a hard one: {refitted} against {rebuilt}");
     assert!(partial < 1.3 * rebuilt, "{partial} against {rebuilt} rebuilt and {refitted} refitted");
-}
-
-#[test]
-fn instances_follow_their_objects() {
-    let device = device();
-    let triangles = scenes::soup(1600, 0.2, 5);
-    let placed = (0..12).map(|number| {
-        let turn = Quat::from_rotation_x(number as f32);
-        let at = Vec3::new((number % 4) as f32 - 1.5, 0.3 * number as f32 - 1.5, 0.0);
-        (number % 2, Affine3A::from_scale_rotation_translation(Vec3::new(0.4, -0.3, 0.4), turn, at))
-    });
-    let objects = vec![0..900, 900..1600];
-    let instances = Arc::new(Instances::new(triangles.len(), objects, placed).expect("valid"));
-    let rays = scenes::rays(120, 6);
-    for choice in choices() {
-        for update in UPDATES {
-            let mut structure = build_instanced(&device, &triangles, &instances, &choice).expect("it builds");
-            for step in 1..=2 {
-                let now = moved(&triangles, turn, step as f32 / 2.0);
-                let what = format!("{choice:?}, {update:?}, step {step}");
-                structure.update(&device, &now, update).unwrap_or_else(|error| panic!("{what}: {error}"));
-                validate(&what, &structure);
-                let corners = |hit: &Hit| {
-                    let to_world = &instances.placed()[hit.instance as usize].to_world;
-                    now.corners(hit.triangle as usize).map(|corner| to_world.transform_point3a(corner))
-                };
-                agree(&what, &structure, &BruteForce::instanced(&now, &instances), &corners, &rays);
-            }
-        }
-    }
 }
 
 #[test]
@@ -231,7 +203,7 @@ fn instances_walk() {
                 let now = if step < 3 { Arc::clone(&triangles) } else { moved(&triangles, wave, 0.5) };
                 let what = format!("{choice:?}, {update:?}, step {step}");
                 structure
-                    .update_instanced(&device, &now, &instances, update)
+                    .update(&device, &now, Some(&instances), update)
                     .unwrap_or_else(|error| panic!("{what}: {error}"));
                 validate(&what, &structure);
                 let corners = |hit: &Hit| {
@@ -251,10 +223,10 @@ fn mistakes_are_named() {
     let other = scenes::hills(7);
     for choice in choices() {
         let mut structure = build(&device, &triangles, &choice).expect("it builds");
-        let error = structure.update(&device, &other, Update::Refit).expect_err("it is refused");
+        let error = structure.update(&device, &other, None, Update::Refit).expect_err("it is refused");
         assert!(matches!(error, BuildError::OtherTriangles { .. }), "{choice:?}: {error}");
         let nothing = Arc::new(Instances::new(0, Vec::new(), []).expect("valid"));
-        let error = structure.update_instanced(&device, &triangles, &nothing, Update::Refit);
+        let error = structure.update(&device, &triangles, Some(&nothing), Update::Refit);
         assert_eq!(error, Err(BuildError::OtherInstances), "{choice:?}");
     }
     for rebuild_threshold in [0.9, 5.0, f32::NAN] {

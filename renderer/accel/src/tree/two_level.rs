@@ -99,8 +99,7 @@ impl TwoLevel {
     }
 
     /// Updates the trees of objects that move, then the upper level; see
-    /// [`Structure::update_instanced`](crate::Structure::update_instanced). Objects that nothing places stay
-    /// empty.
+    /// [`Structure::update`](crate::Structure::update). Objects that nothing places stay empty.
     pub(crate) fn update(
         &mut self,
         device: &Device,
