@@ -3,7 +3,7 @@
 use treewright_client::Standing as Proof;
 
 use crate::output;
-use crate::report::session;
+use crate::report::{parts, session};
 use treewright_renderer::measure::Standing;
 use treewright_renderer::tuning::objective::Objective;
 use treewright_renderer::tuning::results::TuningResults;
@@ -26,7 +26,7 @@ pub(crate) fn print(results: &TuningResults) {
     };
     println!("\n{}", output::standings(&results.standings, per_frame));
     println!("{}", verdict(results));
-    println!("{}", gains(results));
+    println!("gain{}: {}", results.in_processes(), parts::gains(results));
     if let Some(way) = on_the_way(results) {
         println!("{way}");
     }
@@ -43,40 +43,14 @@ pub(crate) fn print(results: &TuningResults) {
             output::standings(&prediction.standings, per_frame),
         );
     }
-    let overhead = &results.overhead;
-    println!(
-        "tuning overhead: {:.2} ms for a report and the next suggestion (median), one in a hundred took {:.2} ms or more; {:.2} % of the time",
-        overhead.waiting_ms.median,
-        overhead.waiting_p99_ms,
-        overhead.share_of_frame * 100.0,
-    );
-    match results.break_even_frame {
-        Some(frame) => {
-            println!(
-                "break-even: after {frame} {} the whole search has paid for itself against the {}",
-                if results.objective == Objective::Error { "pictures" } else { "frames" },
-                results.baseline
-            )
-        }
-        None => {
-            println!("break-even: never, since nothing is faster than the {}", results.baseline)
-        }
-    }
-    if let Some(safety) = &results.safety {
-        println!("safety: in the search {}", safety.sentence(&format!("the {}", results.began_at)));
+    println!("{}\nbreak-even: {}", parts::overhead(results), parts::break_even(results));
+    if let Some(safety) = parts::safety(results) {
+        println!("{safety}");
     }
     if let Some(session) = whole_session(results) {
         println!("{session}");
     }
-    let (failed, stopped, all) = (results.failed(), results.stopped(), results.trials.len());
-    if failed > 0 {
-        println!(
-            "{failed} of {all} configurations could not be built, which is ordinary feedback for the search"
-        );
-    }
-    if stopped > 0 {
-        println!("{stopped} of {all} trials were stopped once they had cost too much");
-    }
+    println!("{}", parts::search_summary(results));
     let client = &results.client;
     if client.fallbacks + client.dropped + client.refused > 0 {
         println!(
@@ -132,38 +106,11 @@ fn level_with(results: &TuningResults) -> Vec<String> {
     others.filter(is_open).map(|other| other.who.to_string()).collect()
 }
 
-/// The gain and its parts.
-fn gains(results: &TuningResults) -> String {
-    let gains = &results.gains;
-    let over_start = format!("over the {}", results.began_at);
-    let parts = match results.began_at == Who::BestFixed {
-        true => vec![
-            ("start", gains.start),
-            ("× search", gains.over_best_fixed),
-            ("= over native Embree default", gains.over_native_default),
-            ("; over native used well", gains.over_native_used_well),
-        ],
-        false => vec![
-            (over_start.as_str(), gains.over_start),
-            ("; over native used well", gains.over_native_used_well),
-            ("; over the best fixed configuration", gains.over_best_fixed),
-        ],
-    };
-    let words = parts.iter().filter_map(|(name, ratio)| Some(format!("{name} {}", (*ratio)?)));
-    let words = words.collect::<Vec<_>>().join(" ").replace(" ;", ";");
-    format!("gain{}, with intervals of 95 %: {words}", results.in_processes())
-}
-
 /// The answers on the way, each once.
 fn on_the_way(results: &TuningResults) -> Option<String> {
-    let mut steps: Vec<String> = Vec::new();
-    let mut last = None;
-    for milestone in &results.milestones {
-        if last != Some(&milestone.configuration) {
-            last = Some(&milestone.configuration);
-            steps.push(format!("after {} trials {}", milestone.trials, milestone.over_start?));
-        }
-    }
+    let rows = parts::on_the_way(results);
+    let steps: Vec<String> =
+        rows.iter().map(|row| format!("after {} trials {}", row.trials, row.over_start)).collect();
     let until = FACTORS.iter().filter_map(|factor| {
         results.trials_until(*factor).map(|trials| format!("{factor} × within {trials} trials"))
     });

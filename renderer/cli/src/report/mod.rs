@@ -4,7 +4,7 @@
 //! system. The curve is the paper's Figure 11.
 
 mod chart;
-mod parts;
+pub(crate) mod parts;
 pub(crate) mod session;
 
 use askama::Template;

@@ -1,4 +1,4 @@
-//! The report's sentences and tables, made from results.
+//! The report's sentences and tables, made from results. Some of the sentences are the terminal's as well.
 
 use treewright_accel::NativeQuality;
 use treewright_client::{Configuration, Value};
@@ -27,9 +27,9 @@ pub(super) struct StandingRow {
 }
 
 /// A line of the table of answers on the way.
-pub(super) struct WayRow {
-    pub(super) trials: u32,
-    pub(super) over_start: String,
+pub(crate) struct WayRow {
+    pub(crate) trials: u32,
+    pub(crate) over_start: String,
 }
 
 /// A line of the table of configurations.
@@ -75,7 +75,7 @@ pub(super) fn headline(results: &TuningResults) -> String {
 }
 
 /// The gain and its parts.
-pub(super) fn gains(results: &TuningResults) -> String {
+pub(crate) fn gains(results: &TuningResults) -> String {
     let gains = &results.gains;
     let begin = format!("The best over {}, where the search began", the(&results.began_at));
     let parts = match results.began_at == Who::BestFixed {
@@ -104,7 +104,7 @@ pub(super) fn gains(results: &TuningResults) -> String {
 }
 
 /// The answers on the way, each once.
-pub(super) fn on_the_way(results: &TuningResults) -> Vec<WayRow> {
+pub(crate) fn on_the_way(results: &TuningResults) -> Vec<WayRow> {
     let mut rows = Vec::new();
     let mut last = None;
     for milestone in &results.milestones {
@@ -185,7 +185,7 @@ pub(super) fn standings(results: &TuningResults) -> Vec<StandingRow> {
         .collect()
 }
 
-pub(super) fn search_summary(results: &TuningResults) -> String {
+pub(crate) fn search_summary(results: &TuningResults) -> String {
     let stops = match results.stopped() {
         0 => String::new(),
         1 => " One was stopped once it had cost too much.".to_owned(),
@@ -226,27 +226,30 @@ pub(super) fn prediction(results: &TuningResults) -> Option<String> {
     })
 }
 
-pub(super) fn overhead(results: &TuningResults) -> String {
+pub(crate) fn overhead(results: &TuningResults) -> String {
     let overhead = &results.overhead;
     format!(
-        "Telling the service a result and getting the next suggestion took {:.2} ms (median), {:.2} % of the time. The whole search waited {:.0} ms for it.",
+        "Telling the service a result and getting the next suggestion took {:.2} ms (median), {:.2} % of the time, and one in a hundred \
+         {:.2} ms or more. The whole search waited {:.0} ms for it.",
         overhead.waiting_ms.median,
         overhead.share_of_frame * 100.0,
+        overhead.waiting_p99_ms,
         overhead.waiting_total_ms,
     )
 }
 
 /// The frames of the search that cost more than its start.
-pub(super) fn safety(results: &TuningResults) -> Option<String> {
+pub(crate) fn safety(results: &TuningResults) -> Option<String> {
     results.safety.map(|safety| format!("In the search {}.", safety.sentence(&the(&results.began_at))))
 }
 
-pub(super) fn break_even(results: &TuningResults) -> String {
+pub(crate) fn break_even(results: &TuningResults) -> String {
     match results.break_even_frame {
         Some(frame) => format!(
-            "The search spent {:.1} s, slow trials and all builds included. After {frame} frames it has paid for itself: \
+            "The search spent {:.1} s, slow trials and all builds included. After {frame} {} it has paid for itself: \
              from then on, tuning and rendering together took less time than rendering with {} from the start.",
             results.break_even.tuning_ms / 1000.0,
+            if results.objective == Objective::Error { "pictures" } else { "frames" },
             the(&results.baseline),
         ),
         None => format!(
