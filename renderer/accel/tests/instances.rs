@@ -167,15 +167,6 @@ fn all_agree(triangles: &Arc<Triangles>, ranges: &[Range<u32>], placed: Vec<(u32
 }
 
 #[test]
-fn one_instance_as_it_is_and_moved() {
-    let (triangles, ranges) = kinds();
-    let moved = Affine3A::from_rotation_translation(Quat::from_rotation_y(0.7), Vec3::new(0.3, -0.2, 0.5));
-    for (object, at) in [(0, Affine3A::IDENTITY), (3, moved)] {
-        all_agree(&triangles, &ranges, vec![(object, at)], &scenes::rays(150, 11));
-    }
-}
-
-#[test]
 fn turned_scaled_sheared_and_mirrored() {
     let (triangles, ranges) = kinds();
     let mut random = scenes::random(12);

@@ -2,11 +2,11 @@
 
 use std::sync::Arc;
 
-use glam::{Affine3A, Quat, Vec2, Vec3, Vec3A};
+use glam::{Vec2, Vec3, Vec3A};
 use rand::RngExt;
 use treewright_accel::{
-    BruteForce, BuildChoice, Card, Hit, Instances, Intersector, Mask, NativeOptions, NativeQuality, Packets,
-    Quality, Ray, TreeParameters, Triangles, Update, Wrap, build, build_instanced,
+    BruteForce, BuildChoice, Card, Hit, Intersector, Mask, NativeOptions, NativeQuality, Packets, Quality,
+    Ray, TreeParameters, Triangles, Update, Wrap, build,
 };
 
 mod scenes;
@@ -150,43 +150,5 @@ fn masks_lose_and_gain_nothing_by_an_update() {
                 check(&format!("{choice:?}"), &structure, &rays, &hits(&BruteForce::new(&next), &rays));
             }
         }
-    }
-}
-
-#[test]
-fn instances_have_the_masks_of_their_objects() {
-    // Two objects with masks and one without between them, in one set of triangles.
-    let soups = [scenes::soup(80, 0.5, 14), scenes::soup(40, 0.5, 15), scenes::soup(60, 0.5, 16)];
-    let corners = soups.iter().flat_map(|soup| (0..soup.len()).map(|triangle| soup.corners(triangle)));
-    let all = masked(&scenes::separate(corners), 17);
-    let mut random = scenes::random(18);
-    let placed = (0..12).map(|number| {
-        let turn = Quat::from_axis_angle(scenes::on_sphere(&mut random), random.random_range(0.0..6.0));
-        let scale = Vec3::new(if number % 2 == 0 { 0.4 } else { -0.3 }, 0.3, 0.5);
-        let at = Vec3::from(scenes::in_cube(&mut random));
-        (number % 3, Affine3A::from_scale_rotation_translation(scale, turn, at))
-    });
-    let instances =
-        Instances::new(all.len(), vec![0..80, 80..120, 120..180], placed).expect("they are valid");
-    let instances = Arc::new(instances);
-    let rays = scenes::rays(600, 19);
-    let expected = hits(&BruteForce::instanced(&all, &instances), &rays);
-    let tree = TreeParameters { max_depth: 64, ..TreeParameters::default() };
-    let mut choices = vec![
-        BuildChoice::Native(NativeOptions::default()),
-        BuildChoice::Native(NativeOptions {
-            quality: NativeQuality::High,
-            robust: true,
-            ..NativeOptions::default()
-        }),
-    ];
-    for branching_factor in [2, 4, 8] {
-        for robust in [false, true] {
-            choices.push(BuildChoice::Tree(TreeParameters { branching_factor, robust, ..tree }));
-        }
-    }
-    for choice in choices {
-        let structure = build_instanced(&device(), &all, &instances, &choice).expect("it builds");
-        check(&format!("{choice:?}"), &structure, &rays, &expected);
     }
 }

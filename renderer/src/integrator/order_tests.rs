@@ -189,31 +189,3 @@ fn no_omission_changes_the_picture() {
     }
     assert!(omitted > 60, "the scenes need too much: {omitted}");
 }
-
-#[test]
-fn accelerators_agree_on_the_staged_picture() {
-    let device = Device::open(0).expect("Embree is set up");
-    let scene = Arc::new(
-        builtin::build("quick", &Options { detail: 0.01, ..Options::default() }).expect("it is a scene"),
-    );
-    let prepared = Prepared::new(scene.clone());
-    let choices = [
-        BuildChoice::BruteForce,
-        BuildChoice::Native(NativeOptions::default()),
-        BuildChoice::Tree(TreeParameters::default()),
-    ];
-    let pictures: Vec<Picture> = choices
-        .iter()
-        .map(|choice| {
-            let structure = build(&device, &scene.triangles, choice).expect("it is built");
-            structure
-                .visit(Render { prepared: &prepared, options: STAGED, needs: prepared.needs, bounces: 2 })
-                .0
-        })
-        .collect();
-    for picture in &pictures[1..] {
-        // Where two triangles meet, either may be found.
-        let difference = pictures[0].mean_relative_difference(picture);
-        assert!(difference < 2e-3, "{difference}");
-    }
-}
