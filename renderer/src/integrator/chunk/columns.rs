@@ -18,17 +18,153 @@ pub(super) const LANES: usize = 64;
 /// A number of each hit.
 pub(super) type Column<T = f32> = [T; LANES];
 
-/// A vector of each hit.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Vectors {
-    x: Column,
-    y: Column,
-    z: Column,
+/// What columns hold before anything was set.
+pub(super) trait Zero {
+    const ZERO: Self;
+}
+
+impl Zero for f32 {
+    const ZERO: Self = 0.0;
+}
+
+impl Zero for u32 {
+    const ZERO: Self = 0;
+}
+
+impl Zero for PathRandom {
+    const ZERO: Self = Self::NONE;
+}
+
+impl<T: Zero + Copy, const N: usize> Zero for [T; N] {
+    const ZERO: Self = [T::ZERO; N];
+}
+
+/// Groups of columns, which begin with zeros.
+macro_rules! columns {
+    ($($(#[$about:meta])* $seen:vis struct $name:ident {
+        $($(#[$of_field:meta])* $field_seen:vis $field:ident: $kind:ty,)*
+    })*) => {$(
+        $(#[$about])*
+        $seen struct $name {
+            $($(#[$of_field])* $field_seen $field: $kind,)*
+        }
+
+        impl Zero for $name {
+            const ZERO: Self = Self { $($field: Zero::ZERO,)* };
+        }
+    )*};
+}
+
+pub(super) use columns;
+
+columns! {
+    /// A vector of each hit.
+    #[derive(Clone, Copy, Debug)]
+    pub(super) struct Vectors {
+        x: Column,
+        y: Column,
+        z: Column,
+    }
+
+    /// Triangles, as they stand in the world.
+    #[derive(Clone, Debug)]
+    pub(super) struct Facets {
+        corner: Vectors,
+        edges: [Vectors; 2],
+        pub(super) longest: Column,
+        /// See [`WorldFacet::place`].
+        pub(super) place: Column,
+        normals: [Vectors; 3],
+        /// 1 where normals are interpolated.
+        pub(super) smooth: Column<u32>,
+    }
+
+    /// Where paths meet triangles.
+    #[derive(Clone, Debug)]
+    pub(super) struct Surfaces {
+        pub(super) position: Vectors,
+        pub(super) geometric_normal: Vectors,
+        pub(super) shading_normal: Vectors,
+        pub(super) offset: Column,
+    }
+
+    /// The materials of surfaces. Matt ones have the first column only, and the last ones are set where there
+    /// are metals.
+    #[derive(Clone, Debug)]
+    pub(super) struct Materials {
+        pub(super) diffuse: Vectors,
+        outward: Vectors,
+        f0: Vectors,
+        f90: Column,
+        layer_f90: Vectors,
+        alpha: Column,
+        multiple: Vectors,
+        multiple_scale: Column,
+        losses: [Column; 4],
+    }
+
+    /// The lamps that were picked.
+    #[derive(Clone, Debug)]
+    pub(super) struct Lamps {
+        corner: Vectors,
+        edges: [Vectors; 2],
+        normal: Vectors,
+        emission: Vectors,
+        density: Column,
+    }
+
+    /// Sampled lights.
+    #[derive(Clone, Debug)]
+    pub(super) struct LightSamples {
+        direction: Vectors,
+        distance: Column,
+        radiance: Vectors,
+        pdf: Column,
+    }
+
+    /// The paths that arrive: their rays, and the values that they carry.
+    #[derive(Clone, Debug)]
+    pub(super) struct Arrivals {
+        pub(super) origin: Vectors,
+        pub(super) direction: Vectors,
+        /// The weights that the accelerator gave, for rays in the plane of their triangle.
+        pub(super) weights: [Column; 2],
+        pub(super) throughput: Vectors,
+        pub(super) random: Column<PathRandom>,
+        /// Where the vertex's random numbers begin.
+        pub(super) place: Column<u32>,
+        /// 1 where no bounce is left.
+        pub(super) last: Column<u32>,
+    }
+
+    /// The random numbers of a vertex, by their places.
+    #[derive(Clone, Debug)]
+    pub(super) struct Numbers {
+        pub(super) pick: [Column; 2],
+        pub(super) light: [Column; 2],
+        pub(super) choice: Column,
+        pub(super) turn: [Column; 2],
+    }
+
+    /// The requests of vertices: a shadow ray, and the next ray of the path.
+    #[derive(Clone, Debug)]
+    pub(super) struct Departures {
+        /// 1 where there is a shadow ray.
+        pub(super) shadow: Column<u32>,
+        pub(super) shadow_origin: Vectors,
+        pub(super) shadow_direction: Vectors,
+        pub(super) shadow_t_max: Column,
+        pub(super) light: Vectors,
+        /// 1 where the path goes on.
+        pub(super) goes_on: Column<u32>,
+        pub(super) origin: Vectors,
+        pub(super) direction: Vectors,
+        pub(super) throughput: Vectors,
+        pub(super) pdf: Column,
+    }
 }
 
 impl Vectors {
-    pub(super) const ZERO: Self = Self { x: [0.0; LANES], y: [0.0; LANES], z: [0.0; LANES] };
-
     #[inline(always)]
     pub(super) fn get(&self, lane: usize) -> Vec3 {
         Vec3::new(self.x[lane], self.y[lane], self.z[lane])
@@ -42,29 +178,7 @@ impl Vectors {
     }
 }
 
-/// Triangles, as they stand in the world.
-#[derive(Clone, Debug)]
-pub(super) struct Facets {
-    corner: Vectors,
-    edges: [Vectors; 2],
-    pub(super) longest: Column,
-    /// See [`WorldFacet::place`].
-    pub(super) place: Column,
-    normals: [Vectors; 3],
-    /// 1 where normals are interpolated.
-    pub(super) smooth: Column<u32>,
-}
-
 impl Facets {
-    pub(super) const ZERO: Self = Self {
-        corner: Vectors::ZERO,
-        edges: [Vectors::ZERO; 2],
-        longest: [0.0; LANES],
-        place: [0.0; LANES],
-        normals: [Vectors::ZERO; 3],
-        smooth: [0; LANES],
-    };
-
     #[inline(always)]
     pub(super) fn set(&mut self, lane: usize, standing: &WorldFacet) {
         let [corner, ab, ac] = standing.corner_and_edges;
@@ -94,23 +208,7 @@ impl Facets {
     }
 }
 
-/// Where paths meet triangles.
-#[derive(Clone, Debug)]
-pub(super) struct Surfaces {
-    pub(super) position: Vectors,
-    pub(super) geometric_normal: Vectors,
-    pub(super) shading_normal: Vectors,
-    pub(super) offset: Column,
-}
-
 impl Surfaces {
-    pub(super) const ZERO: Self = Self {
-        position: Vectors::ZERO,
-        geometric_normal: Vectors::ZERO,
-        shading_normal: Vectors::ZERO,
-        offset: [0.0; LANES],
-    };
-
     #[inline(always)]
     pub(super) fn set(&mut self, lane: usize, surface: &Surface) {
         self.position.set(lane, surface.position);
@@ -130,34 +228,7 @@ impl Surfaces {
     }
 }
 
-/// The materials of surfaces. Matt ones have the first column only, and the last ones are set where there are
-/// metals.
-#[derive(Clone, Debug)]
-pub(super) struct Materials {
-    pub(super) diffuse: Vectors,
-    outward: Vectors,
-    f0: Vectors,
-    f90: Column,
-    layer_f90: Vectors,
-    alpha: Column,
-    multiple: Vectors,
-    multiple_scale: Column,
-    losses: [Column; 4],
-}
-
 impl Materials {
-    pub(super) const ZERO: Self = Self {
-        diffuse: Vectors::ZERO,
-        outward: Vectors::ZERO,
-        f0: Vectors::ZERO,
-        f90: [0.0; LANES],
-        layer_f90: Vectors::ZERO,
-        alpha: [0.0; LANES],
-        multiple: Vectors::ZERO,
-        multiple_scale: [0.0; LANES],
-        losses: [[0.0; LANES]; 4],
-    };
-
     #[inline(always)]
     pub(super) fn set(&mut self, lane: usize, gloss: &Gloss) {
         self.diffuse.set(lane, gloss.diffuse);
@@ -197,25 +268,7 @@ impl Materials {
     }
 }
 
-/// The lamps that were picked.
-#[derive(Clone, Debug)]
-pub(super) struct Lamps {
-    corner: Vectors,
-    edges: [Vectors; 2],
-    normal: Vectors,
-    emission: Vectors,
-    density: Column,
-}
-
 impl Lamps {
-    pub(super) const ZERO: Self = Self {
-        corner: Vectors::ZERO,
-        edges: [Vectors::ZERO; 2],
-        normal: Vectors::ZERO,
-        emission: Vectors::ZERO,
-        density: [0.0; LANES],
-    };
-
     #[inline(always)]
     pub(super) fn set(&mut self, lane: usize, lamp: &Lamp) {
         self.corner.set(lane, lamp.corner);
@@ -238,19 +291,7 @@ impl Lamps {
     }
 }
 
-/// Sampled lights.
-#[derive(Clone, Debug)]
-pub(super) struct LightSamples {
-    direction: Vectors,
-    distance: Column,
-    radiance: Vectors,
-    pdf: Column,
-}
-
 impl LightSamples {
-    pub(super) const ZERO: Self =
-        Self { direction: Vectors::ZERO, distance: [0.0; LANES], radiance: Vectors::ZERO, pdf: [0.0; LANES] };
-
     #[inline(always)]
     pub(super) fn set(&mut self, lane: usize, light: &LightSample) {
         self.direction.set(lane, light.direction);
@@ -268,81 +309,4 @@ impl LightSamples {
             pdf: self.pdf[lane],
         }
     }
-}
-
-/// The paths that arrive: their rays, and the values that they carry.
-#[derive(Clone, Debug)]
-pub(super) struct Arrivals {
-    pub(super) origin: Vectors,
-    pub(super) direction: Vectors,
-    /// The weights that the accelerator gave, for rays in the plane of their triangle.
-    pub(super) weights: [Column; 2],
-    pub(super) throughput: Vectors,
-    pub(super) random: Column<PathRandom>,
-    /// Where the vertex's random numbers begin.
-    pub(super) place: Column<u32>,
-    /// 1 where no bounce is left.
-    pub(super) last: Column<u32>,
-}
-
-impl Arrivals {
-    pub(super) const ZERO: Self = Self {
-        origin: Vectors::ZERO,
-        direction: Vectors::ZERO,
-        weights: [[0.0; LANES]; 2],
-        throughput: Vectors::ZERO,
-        random: [PathRandom::NONE; LANES],
-        place: [0; LANES],
-        last: [0; LANES],
-    };
-}
-
-/// The random numbers of a vertex, by their places.
-#[derive(Clone, Debug)]
-pub(super) struct Numbers {
-    pub(super) pick: [Column; 2],
-    pub(super) light: [Column; 2],
-    pub(super) choice: Column,
-    pub(super) turn: [Column; 2],
-}
-
-impl Numbers {
-    pub(super) const ZERO: Self = Self {
-        pick: [[0.0; LANES]; 2],
-        light: [[0.0; LANES]; 2],
-        choice: [0.0; LANES],
-        turn: [[0.0; LANES]; 2],
-    };
-}
-
-/// The requests of vertices: a shadow ray, and the next ray of the path.
-#[derive(Clone, Debug)]
-pub(super) struct Departures {
-    /// 1 where there is a shadow ray.
-    pub(super) shadow: Column<u32>,
-    pub(super) shadow_origin: Vectors,
-    pub(super) shadow_direction: Vectors,
-    pub(super) shadow_t_max: Column,
-    pub(super) light: Vectors,
-    /// 1 where the path goes on.
-    pub(super) goes_on: Column<u32>,
-    pub(super) origin: Vectors,
-    pub(super) direction: Vectors,
-    pub(super) throughput: Vectors,
-    pub(super) pdf: Column,
-}
-
-impl Departures {
-    pub(super) const ZERO: Self = Self {
-        shadow: [0; LANES],
-        shadow_origin: Vectors::ZERO,
-        shadow_direction: Vectors::ZERO,
-        shadow_t_max: [0.0; LANES],
-        light: Vectors::ZERO,
-        goes_on: [0; LANES],
-        origin: Vectors::ZERO,
-        direction: Vectors::ZERO,
-        throughput: Vectors::ZERO,
-        pdf: [0.0; LANES],
-    };
 }

@@ -13,7 +13,8 @@ mod passes;
 use treewright_accel::{Hit, Isa, Ray};
 
 use columns::{
-    Arrivals, Column, Departures, Facets, LANES, Lamps, LightSamples, Materials, Numbers, Surfaces,
+    Arrivals, Column, Departures, Facets, LANES, Lamps, LightSamples, Materials, Numbers, Surfaces, Zero,
+    columns,
 };
 use passes::Passes;
 
@@ -36,37 +37,27 @@ pub(super) struct Chunk {
     columns: Box<Columns>,
 }
 
-#[derive(Debug)]
-struct Columns {
-    arrivals: Arrivals,
-    facets: Facets,
-    materials: Materials,
-    surfaces: Surfaces,
-    /// 1 where the triangle is too small or too large.
-    odd: Column<u32>,
-    numbers: Numbers,
-    lamps: Lamps,
-    sampled: LightSamples,
-    /// 1 where the sampled light can light the surface.
-    lit: Column<u32>,
-    departures: Departures,
+columns! {
+    #[derive(Debug)]
+    struct Columns {
+        arrivals: Arrivals,
+        facets: Facets,
+        materials: Materials,
+        surfaces: Surfaces,
+        /// 1 where the triangle is too small or too large.
+        odd: Column<u32>,
+        numbers: Numbers,
+        lamps: Lamps,
+        sampled: LightSamples,
+        /// 1 where the sampled light can light the surface.
+        lit: Column<u32>,
+        departures: Departures,
+    }
 }
 
 impl Default for Chunk {
     fn default() -> Self {
-        let columns = Columns {
-            arrivals: Arrivals::ZERO,
-            facets: Facets::ZERO,
-            materials: Materials::ZERO,
-            surfaces: Surfaces::ZERO,
-            odd: [0; LANES],
-            numbers: Numbers::ZERO,
-            lamps: Lamps::ZERO,
-            sampled: LightSamples::ZERO,
-            lit: [0; LANES],
-            departures: Departures::ZERO,
-        };
-        Self { isa: Isa::detect(), matt: 0, glossy: 0, columns: Box::new(columns) }
+        Self { isa: Isa::detect(), matt: 0, glossy: 0, columns: Box::new(Columns::ZERO) }
     }
 }
 
