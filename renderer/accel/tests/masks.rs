@@ -2,11 +2,11 @@
 
 use std::sync::Arc;
 
-use glam::{Vec2, Vec3, Vec3A};
+use glam::{Vec2, Vec3};
 use rand::RngExt;
 use treewright_accel::{
-    BruteForce, BuildChoice, Card, Hit, Intersector, Mask, NativeOptions, NativeQuality, Packets, Quality,
-    Ray, TreeParameters, Triangles, Update, Wrap, build,
+    BruteForce, BuildChoice, Card, Hit, Intersector, Mask, NativeOptions, Packets, Ray, TreeParameters,
+    Triangles, Update, Wrap, build,
 };
 
 mod scenes;
@@ -102,37 +102,6 @@ fn a_mask_that_is_solid_nowhere_leaves_nothing_and_one_that_is_everywhere_change
     let expected = hits(&BruteForce::new(&solid), &rays);
     assert!(expected.iter().flatten().count() > 50);
     back_ends::each(&uniform(&solid, 255), |what, structure| check(what, structure, &rays, &expected));
-}
-
-#[test]
-fn masks_move_with_their_triangles() {
-    let first = masked(&scenes::soup(9000, 0.12, 8), 9);
-    let tree = TreeParameters { branching_factor: 8, max_depth: 64, ..TreeParameters::default() };
-    let choices = [
-        BuildChoice::Tree(tree),
-        BuildChoice::Tree(TreeParameters {
-            quality: Quality::SahSplit,
-            robust: true,
-            block_width: 8,
-            ..tree
-        }),
-        BuildChoice::Native(NativeOptions::default()),
-        BuildChoice::Native(NativeOptions { quality: NativeQuality::Low, ..NativeOptions::default() }),
-    ];
-    let rays = scenes::rays(300, 10);
-    for choice in choices {
-        for update in [Update::Refit, Update::partial(1.0), Update::Rebuild] {
-            let mut structure = build(&device(), &first, &choice).expect("it builds");
-            for moment in [0.3, 1.0] {
-                let wave = |at: &Vec3A| *at + Vec3A::Y * (0.4 * (3.0 * at.x + 9.0 * moment).sin());
-                let moved = first.moved(first.positions().iter().map(wave).collect()).expect("in range");
-                let moved = Arc::new(moved);
-                structure.update(&device(), &moved, None, update).expect("it follows");
-                let expected = hits(&BruteForce::new(&moved), &rays);
-                check(&format!("{choice:?}, {update:?}, {moment}"), &structure, &rays, &expected);
-            }
-        }
-    }
 }
 
 #[test]
