@@ -114,7 +114,7 @@ impl Visitor for RenderOneByOne<'_> {
 }
 
 #[test]
-fn stages_do_not_change_the_picture() {
+fn stages_do_not_change_the_picture_and_packets_find_what_single_rays_find() {
     let device = Device::open(0).expect("Embree is set up");
     for scene in scenes() {
         let structure = native(&device, &scene);
@@ -125,20 +125,7 @@ fn stages_do_not_change_the_picture() {
         let (picture, same) = structure.visit(RenderOneByOne(render(STAGED)));
         assert_eq!(counts, same, "{}", scene.name);
         assert!(picture == reference, "{}", scene.name);
-    }
-}
-
-#[test]
-fn packets_find_what_single_rays_find() {
-    let device = Device::open(0).expect("Embree is set up");
-    for scene in scenes() {
-        let structure = native(&device, &scene);
-        let prepared = Prepared::new(scene.clone());
-        let render = |options| {
-            structure.visit(Render { prepared: &prepared, options, needs: prepared.needs, bounces: 3 })
-        };
-        let (reference, counts) = render(RenderOptions::default());
-        let (picture, others) = render(STAGED);
+        let (picture, others) = structure.visit(render(STAGED));
         // A packet may find the other one of two triangles that a ray meets at their common edge or that lie
         // upon each other, and then a path goes another way.
         let pairs = picture.pixels.iter().zip(&reference.pixels);
