@@ -84,7 +84,7 @@ pub(super) struct BinaryTree {
 }
 
 /// Fewest leaves of a subtree that is worth a task of its own.
-const LEAVES_PER_TASK: u32 = 4096;
+const LEAVES_PER_TASK: u32 = 2048;
 
 impl BinaryTree {
     /// Copies a sketch depth first: the nodes below a node follow its children.
@@ -92,17 +92,17 @@ impl BinaryTree {
     /// # Safety
     /// `root` is the root of a finished build, whose memory lives.
     pub(super) unsafe fn from_sketch(root: SketchRef, bounds: Bounds) -> Self {
-        Self::copied(&Sketches(()), root, bounds)
+        Self::of(InSketch { bounds, at: root })
     }
 
-    /// Copies a tree depth first: the nodes below a node follow its children.
-    pub(super) fn copied<S: Source>(source: &S, root: S::Item, bounds: Bounds) -> Self {
-        let leaves = source.leaves(root);
-        let mut nodes = vec![BinaryNode::UNUSED; 2 * leaves as usize];
-        let mut parents = vec![0; leaves as usize];
+    /// Writes a tree down depth first: the nodes below a node follow its children.
+    pub(super) fn of(root: impl Subtree) -> Self {
+        let leaves = root.leaves() as usize;
+        let mut nodes = vec![BinaryNode::UNUSED; 2 * leaves];
+        let mut parents = vec![0; leaves];
         let (top, below) = nodes.split_at_mut(2);
         // Below a node of n leaves there are 2n - 2 nodes.
-        top[0] = copy(source, root, bounds, 0, below, 2, &mut parents[1..]);
+        top[0] = write(root, 0, below, 2, &mut parents[1..]);
         Self { nodes, parents }
     }
 
@@ -152,84 +152,83 @@ impl BinaryTree {
     }
 }
 
-/// A binary tree over single triangles in any form.
-pub(super) trait Source: Sync {
-    /// A node or leaf of it.
-    type Item: Copy + Send + Sync;
+/// A binary tree over single triangles, or a part of one, in any form.
+pub(super) trait Subtree: Send + Sized {
+    /// Box of its triangles.
+    fn bounds(&self) -> Bounds;
 
-    /// The triangle of a leaf.
-    fn triangle(&self, item: Self::Item) -> Option<u32>;
+    /// Its leaves: 1 for a leaf.
+    fn leaves(&self) -> u32;
 
-    /// The halves of a node.
-    fn halves(&self, item: Self::Item) -> [(Bounds, Self::Item); 2];
-
-    /// Leaves below, 1 for a leaf.
-    fn leaves(&self, item: Self::Item) -> u32;
+    /// What it is made of.
+    fn open(self) -> Opened<Self>;
 }
 
-/// A sketch by Embree's builder. Only [`BinaryTree::from_sketch`] makes it, whose caller vouches for all
-/// references.
-struct Sketches(());
+/// What a [`Subtree`] is made of.
+pub(super) enum Opened<S> {
+    /// One triangle.
+    Leaf(u32),
+    /// Two halves.
+    Node([S; 2]),
+}
 
-impl Source for Sketches {
-    type Item = SketchRef;
+/// A part of a sketch by Embree's builder. Only [`BinaryTree::from_sketch`] begins with one, whose caller
+/// vouches for all references.
+struct InSketch {
+    bounds: Bounds,
+    at: SketchRef,
+}
 
-    fn triangle(&self, item: SketchRef) -> Option<u32> {
-        // SAFETY: here and below, as said above.
-        match unsafe { item.follow() } {
-            Sketched::Leaf(triangle) => Some(triangle),
-            Sketched::Node(_) => None,
-        }
+impl Subtree for InSketch {
+    fn bounds(&self) -> Bounds {
+        self.bounds
     }
 
-    fn halves(&self, item: SketchRef) -> [(Bounds, SketchRef); 2] {
+    fn leaves(&self) -> u32 {
+        // SAFETY: here and below, as said above.
+        unsafe { self.at.leaves() }
+    }
+
+    fn open(self) -> Opened<Self> {
         // SAFETY: as above.
-        let Sketched::Node(node) = (unsafe { item.follow() }) else {
-            unreachable!("a leaf has no halves");
+        let node = match unsafe { self.at.follow() } {
+            Sketched::Leaf(triangle) => return Opened::Leaf(triangle),
+            Sketched::Node(node) => node,
         };
-        let mut children = node.children();
+        let mut children = node.children().map(|(bounds, at)| Self { bounds, at });
         let (Some(left), Some(right)) = (children.next(), children.next()) else {
             unreachable!("the builder makes nodes of two children");
         };
-        [left, right]
-    }
-
-    fn leaves(&self, item: SketchRef) -> u32 {
-        // SAFETY: as above.
-        unsafe { item.leaves() }
+        Opened::Node([left, right])
     }
 }
 
-/// Copies an item. The nodes below it go into `below`, whose first place has the number `first`; `node` is
-/// the number its own copy will have. Recursion is as deep as the tree.
-fn copy<S: Source>(
-    source: &S,
-    item: S::Item,
-    bounds: Bounds,
+/// Writes a subtree down. The nodes below it go into `below`, whose first place has the number `first`;
+/// `node` is the number it will have itself. Recursion is as deep as the tree.
+fn write<S: Subtree>(
+    subtree: S,
     node: usize,
     below: &mut [BinaryNode],
     first: usize,
     parents: &mut [u32],
 ) -> BinaryNode {
-    if let Some(triangle) = source.triangle(item) {
-        return BinaryNode::leaf(bounds, triangle);
-    }
-    let [(left_bounds, left), (right_bounds, right)] = source.halves(item);
-    let leaves_left = source.leaves(left) as usize;
-    let leaves_right = source.leaves(right) as usize;
+    let (bounds, leaves) = (subtree.bounds(), subtree.leaves());
+    let [left, right] = match subtree.open() {
+        Opened::Leaf(triangle) => return BinaryNode::leaf(bounds, triangle),
+        Opened::Node(halves) => halves,
+    };
+    let leaves_left = left.leaves() as usize;
     let (pair, below) = below.split_at_mut(2);
     let (below_left, below_right) = below.split_at_mut(2 * (leaves_left - 1));
     let (own, parents) = parents.split_at_mut(1);
     let (parents_left, parents_right) = parents.split_at_mut(leaves_left - 1);
     own[0] = node as u32;
     let first_right = first + 2 + below_left.len();
-    let mut copy_left = || copy(source, left, left_bounds, first, below_left, first + 2, parents_left);
-    let mut copy_right =
-        || copy(source, right, right_bounds, first + 1, below_right, first_right, parents_right);
-    let leaves = (leaves_left + leaves_right) as u32;
+    let write_left = || write(left, first, below_left, first + 2, parents_left);
+    let write_right = || write(right, first + 1, below_right, first_right, parents_right);
     let (left, right) = match leaves {
-        0..LEAVES_PER_TASK => (copy_left(), copy_right()),
-        _ => rayon::join(copy_left, copy_right),
+        0..LEAVES_PER_TASK => (write_left(), write_right()),
+        _ => rayon::join(write_left, write_right),
     };
     (pair[0], pair[1]) = (left, right);
     BinaryNode::inner(bounds, first, leaves)

@@ -13,7 +13,7 @@
 //!
 //! Equal inputs give equal trees with any number of threads and with every instruction set.
 
-use super::binary::{BinaryTree, Source};
+use super::binary::{BinaryTree, Opened, Subtree};
 use super::clusters::{self, Cluster, ClusterLink, Clusters, LANES, Nearest, TRIANGLE};
 use super::morton::{self, Key};
 use crate::geometry::Triangles;
@@ -357,23 +357,25 @@ impl Ploc {
 
     /// The tree in the form of the optimiser and the collapse.
     pub(super) fn into_binary(self) -> BinaryTree {
-        BinaryTree::copied(&self, self.root, self.bounds(self.root))
+        BinaryTree::of((&self, self.root))
     }
 }
 
-impl Source for Ploc {
-    type Item = ClusterLink;
-
-    fn triangle(&self, item: ClusterLink) -> Option<u32> {
-        item.triangle()
+impl Subtree for (&Ploc, ClusterLink) {
+    fn bounds(&self) -> Bounds {
+        self.0.bounds(self.1)
     }
 
-    fn halves(&self, item: ClusterLink) -> [(Bounds, ClusterLink); 2] {
-        Self::halves(self, item).map(|half| (self.bounds(half), half))
+    fn leaves(&self) -> u32 {
+        self.0.triangles(self.1)
     }
 
-    fn leaves(&self, item: ClusterLink) -> u32 {
-        self.triangles(item)
+    fn open(self) -> Opened<Self> {
+        let (ploc, link) = self;
+        match link.triangle() {
+            Some(triangle) => Opened::Leaf(triangle),
+            None => Opened::Node(ploc.halves(link).map(|half| (ploc, half))),
+        }
     }
 }
 

@@ -5,7 +5,7 @@
 
 use glam::{Affine3A, Vec3A};
 
-use super::binary::{BinaryNode, BinaryTree};
+use super::binary::{BinaryTree, Opened, Subtree};
 use crate::layout::Bounds;
 
 /// Bins an axis.
@@ -13,9 +13,6 @@ const BINS: usize = 16;
 
 /// Depth at which the heuristic stops and sets are halved, so that the deepest tree is known.
 const HEURISTIC_DEPTH: usize = 32;
-
-/// Fewest boxes that are worth a task of their own.
-const BOXES_PER_TASK: usize = 2048;
 
 /// A box around `bounds` after `by`, rounded outwards: the box of the box (Arvo, "Transforming axis-aligned
 /// bounding boxes", 1990).
@@ -82,45 +79,35 @@ pub(super) fn binary_over(boxes: &[Bounds]) -> BinaryTree {
             number,
         })
         .collect();
-    let mut nodes = vec![BinaryNode::UNUSED; 2 * items.len()];
-    let mut parents = vec![0; items.len()];
-    let (top, below) = nodes.split_at_mut(2);
-    top[0] = grow(&mut items, 0, below, 2, &mut parents[1..], 0);
-    BinaryTree { nodes, parents }
+    BinaryTree::of(Set { items: &mut items, depth: 0 })
 }
 
-/// Makes the node over a set. The nodes below it go into `below`, whose first place has the number `first`;
-/// `node` is the number it will have itself.
-fn grow(
-    items: &mut [Item],
-    node: usize,
-    below: &mut [BinaryNode],
-    first: usize,
-    parents: &mut [u32],
+/// Boxes that a subtree is made over.
+struct Set<'a> {
+    items: &'a mut [Item],
+    /// Levels above it.
     depth: usize,
-) -> BinaryNode {
-    let around = Around::of(items);
-    let bounds = Bounds { lower: around.lower.to_array(), upper: around.upper.to_array() };
-    if let [item] = items {
-        return BinaryNode::leaf(bounds, item.number);
+}
+
+impl Subtree for Set<'_> {
+    fn bounds(&self) -> Bounds {
+        let around = Around::of(self.items);
+        Bounds { lower: around.lower.to_array(), upper: around.upper.to_array() }
     }
-    let middle = if depth < HEURISTIC_DEPTH { partition(items) } else { items.len() / 2 };
-    let leaves = items.len() as u32;
-    let (left, right) = items.split_at_mut(middle);
-    let (pair, below) = below.split_at_mut(2);
-    let (below_left, below_right) = below.split_at_mut(2 * (left.len() - 1));
-    let (own, parents) = parents.split_at_mut(1);
-    let (parents_left, parents_right) = parents.split_at_mut(left.len() - 1);
-    own[0] = node as u32;
-    let first_right = first + 2 + below_left.len();
-    let mut grow_left = || grow(left, first, below_left, first + 2, parents_left, depth + 1);
-    let mut grow_right = || grow(right, first + 1, below_right, first_right, parents_right, depth + 1);
-    let (left, right) = match leaves as usize {
-        0..BOXES_PER_TASK => (grow_left(), grow_right()),
-        _ => rayon::join(grow_left, grow_right),
-    };
-    (pair[0], pair[1]) = (left, right);
-    BinaryNode::inner(bounds, first, leaves)
+
+    fn leaves(&self) -> u32 {
+        self.items.len() as u32
+    }
+
+    fn open(self) -> Opened<Self> {
+        let Self { items, depth } = self;
+        if let [item] = items {
+            return Opened::Leaf(item.number);
+        }
+        let middle = if depth < HEURISTIC_DEPTH { partition(items) } else { items.len() / 2 };
+        let (left, right) = items.split_at_mut(middle);
+        Opened::Node([left, right].map(|items| Self { items, depth: depth + 1 }))
+    }
 }
 
 /// Orders a set of two or more so that what belongs to the left half comes first, and says where the right
