@@ -57,6 +57,19 @@ pub(crate) struct RtcHit {
     pub(crate) instance_primitive: u32,
 }
 
+impl RtcHit {
+    /// Of a ray that has met nothing.
+    pub(crate) const NONE: Self = Self {
+        normal: [0.0; 3],
+        u: 0.0,
+        v: 0.0,
+        primitive: INVALID_GEOMETRY,
+        geometry: INVALID_GEOMETRY,
+        instance: INVALID_GEOMETRY,
+        instance_primitive: INVALID_GEOMETRY,
+    };
+}
+
 /// `RTCRayHit` of a 4.4 library with instance arrays.
 #[repr(C, align(16))]
 #[derive(Clone, Copy, Debug)]

@@ -273,15 +273,7 @@ impl Intersector for NativeScene {
         }
         let mut query = ffi::RayHit {
             ray: to_embree(ray),
-            hit: ffi::RtcHit {
-                normal: [0.0; 3],
-                u: 0.0,
-                v: 0.0,
-                primitive: ffi::INVALID_GEOMETRY,
-                geometry: ffi::INVALID_GEOMETRY,
-                instance: ffi::INVALID_GEOMETRY,
-                instance_primitive: ffi::INVALID_GEOMETRY,
-            },
+            hit: ffi::RtcHit::NONE,
         };
         // SAFETY: the scene is committed; our structure is at least as large as the library's (see `ffi`);
         // null arguments mean the defaults.
@@ -369,18 +361,7 @@ pub(super) mod tests {
     fn the_library_does_not_write_past_our_structures() {
         let native = triangle();
         let mut closest = Guarded {
-            query: ffi::RayHit {
-                ray: to_embree(&ray()),
-                hit: ffi::RtcHit {
-                    normal: [0.0; 3],
-                    u: 0.0,
-                    v: 0.0,
-                    primitive: 7,
-                    geometry: ffi::INVALID_GEOMETRY,
-                    instance: 7,
-                    instance_primitive: 7,
-                },
-            },
+            query: ffi::RayHit { ray: to_embree(&ray()), hit: ffi::RtcHit::NONE },
             canary: CANARY,
         };
         let mut any = Guarded { query: to_embree(&ray()), canary: CANARY };

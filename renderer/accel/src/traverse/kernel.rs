@@ -85,8 +85,8 @@ pub(super) unsafe fn after_node<N: TreeNode, X: Boxes<N>>(
     if met & (met - 1) == 0 {
         return *children.add(met.trailing_zeros() as usize);
     }
-    let (nodes, keys) = stack.free();
-    times.write_sorted(met, children, nodes, keys);
+    let nodes = stack.free();
+    times.write_sorted(met, children, nodes, stack.free_keys());
     let others = met.count_ones() as usize - 1;
     stack.grow(others);
     // The nearest one stays behind the top.

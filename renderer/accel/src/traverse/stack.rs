@@ -15,27 +15,35 @@ const ENTRIES: usize = (*MAX_DEPTH.end() as usize + 1) * (WIDTH_MAX - 1) + 1;
 /// Vectors are written whole, with a node's worth of room behind the last entry.
 const ROOM: usize = ENTRIES + WIDTH_MAX;
 
-/// The stack of a closest-hit query: references and keys side by side, so that vectors can be written.
-pub(crate) struct Stack {
+/// References, and with `KEYS` places their keys, side by side, so that vectors can be written.
+pub(crate) struct StackOf<const KEYS: usize> {
     nodes: [MaybeUninit<NodeRef>; ROOM],
-    keys: [MaybeUninit<i32>; ROOM],
+    keys: [MaybeUninit<i32>; KEYS],
     top: usize,
 }
+
+/// The stack of a closest-hit query: references and keys.
+pub(crate) type Stack = StackOf<ROOM>;
+
+/// The stack of a shadow ray: references alone.
+pub(crate) type PlainStack = StackOf<0>;
 
 /// The key below every entry: nearer than any distance.
 const BOTTOM: i32 = i32::MIN;
 
-impl Stack {
+impl<const KEYS: usize> StackOf<KEYS> {
     /// The end of the walk alone.
     #[inline(always)]
     pub(crate) fn new() -> Self {
         let mut stack = Self {
             nodes: [const { MaybeUninit::uninit() }; ROOM],
-            keys: [const { MaybeUninit::uninit() }; ROOM],
+            keys: [const { MaybeUninit::uninit() }; KEYS],
             top: 1,
         };
         stack.nodes[0].write(NodeRef::END);
-        stack.keys[0].write(BOTTOM);
+        if let Some(key) = stack.keys.first_mut() {
+            key.write(BOTTOM);
+        }
         stack
     }
 
@@ -45,30 +53,40 @@ impl Stack {
         let stack = place.as_mut_ptr();
         // SAFETY: the places lie within the stack; of its arrays, everything else may stay unwritten.
         unsafe {
-            (&raw mut (*stack).nodes[0]).write(MaybeUninit::new(NodeRef::END));
-            (&raw mut (*stack).keys[0]).write(MaybeUninit::new(BOTTOM));
+            (&raw mut (*stack).nodes).cast::<NodeRef>().write(NodeRef::END);
+            if KEYS > 0 {
+                (&raw mut (*stack).keys).cast::<i32>().write(BOTTOM);
+            }
             (&raw mut (*stack).top).write(1);
         }
     }
 
-    /// Where the next entry's reference and key go, with room for a node's children.
+    /// Where the next entry's reference goes, with room for a node's children.
     ///
     /// # Panics
     /// If the tree is deeper than permitted.
     #[inline(always)]
-    pub(crate) fn free(&mut self) -> (*mut NodeRef, *mut i32) {
+    pub(crate) fn free(&mut self) -> *mut NodeRef {
         assert!(self.top <= ENTRIES, "the tree is deeper than permitted");
-        // SAFETY: the place lies within both arrays.
-        unsafe { (self.nodes.as_mut_ptr().add(self.top).cast(), self.keys.as_mut_ptr().add(self.top).cast()) }
+        // SAFETY: the place lies within the array.
+        unsafe { self.nodes.as_mut_ptr().add(self.top).cast() }
     }
 
-    /// Counts `count` entries in that were written where [`Stack::free`] said.
+    /// Counts `count` entries in that were written where [`StackOf::free`] and [`Stack::free_keys`] said.
     ///
     /// # Safety
     /// They were, and they were at most a node's children.
     #[inline(always)]
     pub(crate) unsafe fn grow(&mut self, count: usize) {
         self.top += count;
+    }
+}
+
+impl Stack {
+    /// Where the keys of the entries at [`StackOf::free`] go.
+    #[inline(always)]
+    pub(crate) fn free_keys(&mut self) -> *mut i32 {
+        self.keys.as_mut_ptr().wrapping_add(self.top).cast()
     }
 
     /// Takes off the next entry that begins before `limit`.
@@ -89,52 +107,7 @@ impl Stack {
     }
 }
 
-/// The stack of a shadow ray: references alone.
-pub(crate) struct PlainStack {
-    nodes: [MaybeUninit<NodeRef>; ROOM],
-    top: usize,
-}
-
 impl PlainStack {
-    /// The end of the walk alone.
-    #[inline(always)]
-    pub(crate) fn new() -> Self {
-        let mut stack = Self { nodes: [const { MaybeUninit::uninit() }; ROOM], top: 1 };
-        stack.nodes[0].write(NodeRef::END);
-        stack
-    }
-
-    /// As [`Stack::begin`].
-    #[inline(always)]
-    pub(crate) fn begin(place: &mut MaybeUninit<Self>) {
-        let stack = place.as_mut_ptr();
-        // SAFETY: as there.
-        unsafe {
-            (&raw mut (*stack).nodes[0]).write(MaybeUninit::new(NodeRef::END));
-            (&raw mut (*stack).top).write(1);
-        }
-    }
-
-    /// Where the next entry goes, with room for a node's children.
-    ///
-    /// # Panics
-    /// If the tree is deeper than permitted.
-    #[inline(always)]
-    pub(crate) fn free(&mut self) -> *mut NodeRef {
-        assert!(self.top <= ENTRIES, "the tree is deeper than permitted");
-        // SAFETY: the place lies within the array.
-        unsafe { self.nodes.as_mut_ptr().add(self.top).cast() }
-    }
-
-    /// Counts `count` entries in that were written where [`PlainStack::free`] said.
-    ///
-    /// # Safety
-    /// They were, and they were at most a node's children.
-    #[inline(always)]
-    pub(crate) unsafe fn grow(&mut self, count: usize) {
-        self.top += count;
-    }
-
     /// Takes off the top entry.
     ///
     /// # Safety
@@ -155,7 +128,7 @@ mod tests {
     fn entries_behind_the_limit_are_passed_by_and_the_end_never_is() {
         let mut stack = Stack::new();
         for (keys, count) in [([9, 4], 2), ([7, 0], 1)] {
-            let (nodes, place) = stack.free();
+            let (nodes, place) = (stack.free(), stack.free_keys());
             // SAFETY: there is room for a node's children.
             unsafe {
                 for (offset, key) in keys.into_iter().enumerate() {
