@@ -140,15 +140,6 @@ fn moving_scenes_are_followed() {
 fn a_configuration_can_come_from_a_file() {
     let folder = folder();
     let path = folder.path();
-    std::fs::write(path.join("best.json"), r#"{"cost": 3, "configuration": {"quality": 1}}"#)
-        .expect("it can be written");
-    let json = succeeds(path, &format!("{SMALL} -o a.png --config-file best.json --json"));
-    assert!(json.contains("\"morton\""), "{json}");
-    // As `tune --json` writes it.
-    std::fs::write(path.join("tuned.json"), r#"{"objective": "render", "tuned": {"quality": 1}}"#)
-        .expect("it can be written");
-    let again = succeeds(path, &format!("{SMALL} -o a.png --config-file tuned.json --json"));
-    assert!(again.contains("\"morton\""), "{again}");
     fails(&format!("{SMALL} -o a.png --config-file missing.json"), FAILED, &["missing.json"]);
     // Parameters that are gone.
     let kept = r#"{"quality": 1, "bounce": "single", "sort": "none"}"#;
