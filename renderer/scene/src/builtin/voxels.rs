@@ -35,38 +35,23 @@ const ROOF: u8 = 11;
 const LIGHT: u8 = 12;
 const PLANK: u8 = 13;
 
-const KINDS: [(u8, &str); 13] = [
-    (GRASS, "grass"),
-    (EARTH, "earth"),
-    (ROCK, "rock"),
-    (SAND, "sand"),
-    (WATER, "water"),
-    (SNOW, "snow"),
-    (WOOD, "wood"),
-    (LEAVES, "leaves"),
-    (AUTUMN, "autumn leaves"),
-    (BRICK, "brick"),
-    (ROOF, "roof"),
-    (LIGHT, "glowing stone"),
-    (PLANK, "planks"),
-];
-
-fn material(kind: u8) -> Material {
-    match kind {
-        GRASS => matt(0.14, 0.29, 0.06),
-        EARTH => matt(0.3, 0.19, 0.1),
-        ROCK => matt(0.27, 0.26, 0.25),
-        SAND => matt(0.76, 0.66, 0.42),
-        WATER => polished(0.04, 0.17, 0.27, 0.06),
-        SNOW => polished(0.9, 0.92, 0.95, 0.6),
-        WOOD => matt(0.24, 0.14, 0.07),
-        LEAVES => matt(0.07, 0.2, 0.045),
-        AUTUMN => matt(0.62, 0.26, 0.05),
-        BRICK => matt(0.55, 0.5, 0.44),
-        ROOF => matt(0.5, 0.12, 0.08),
-        LIGHT => glow(14.0, 9.0, 4.0),
-        _ => matt(0.5, 0.34, 0.18),
-    }
+/// Names and materials of the kinds, from number 1 on.
+fn kinds() -> [(&'static str, Material); 13] {
+    [
+        ("grass", matt(0.14, 0.29, 0.06)),
+        ("earth", matt(0.3, 0.19, 0.1)),
+        ("rock", matt(0.27, 0.26, 0.25)),
+        ("sand", matt(0.76, 0.66, 0.42)),
+        ("water", polished(0.04, 0.17, 0.27, 0.06)),
+        ("snow", polished(0.9, 0.92, 0.95, 0.6)),
+        ("wood", matt(0.24, 0.14, 0.07)),
+        ("leaves", matt(0.07, 0.2, 0.045)),
+        ("autumn leaves", matt(0.62, 0.26, 0.05)),
+        ("brick", matt(0.55, 0.5, 0.44)),
+        ("roof", matt(0.5, 0.12, 0.08)),
+        ("glowing stone", glow(14.0, 9.0, 4.0)),
+        ("planks", matt(0.5, 0.34, 0.18)),
+    ]
 }
 
 /// Height of the ground, in cubes.
@@ -109,7 +94,7 @@ pub(super) fn build(generator: &mut Generator) -> Result<LightAndPath, SceneErro
     });
     plant_trees(seed, &mut grid);
     let keep = build_keep(seed, &mut grid);
-    let materials: Vec<u32> = KINDS.iter().map(|(kind, _)| generator.material(material(*kind))).collect();
+    let kinds = kinds().map(|(name, material)| (name, generator.material(material)));
     let blocks: Vec<IVec3> = (0..side)
         .step_by(BLOCK as usize)
         .flat_map(|x| (0..side).step_by(BLOCK as usize).map(move |z| IVec3::new(x, 0, z)))
@@ -120,8 +105,8 @@ pub(super) fn build(generator: &mut Generator) -> Result<LightAndPath, SceneErro
         .map(|low| grid.surface(*low, (*low + IVec3::new(BLOCK, HEIGHT, BLOCK)).min(grid.size())))
         .collect();
     for (kind, part) in surfaces.into_iter().flatten() {
-        let index = KINDS.iter().position(|(known, _)| *known == kind).unwrap_or(0);
-        generator.add_part(KINDS[index].1, materials[index], &part)?;
+        let (name, material) = kinds[usize::from(kind) - 1];
+        generator.add_part(name, material, &part)?;
     }
     let sky = sunny([0.22, 0.42, 0.85], [0.62, 0.68, 0.76], [-0.62, 0.5, 0.42], [3.3, 2.6, 1.8]);
     Ok(LightAndPath { sky, keys: keys(seed, side, keep) })
