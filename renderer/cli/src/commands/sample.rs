@@ -18,6 +18,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use clap::Args;
+use indicatif::HumanDuration;
 use treewright_client::blocking::Client;
 use treewright_client::{ClientError, Options, Outcome, Policy, PredictorMethod, Question, TrialRecord};
 
@@ -201,12 +202,13 @@ impl Progress {
     fn step(&mut self, done: u64, is_ok: bool) {
         self.own += 1;
         self.failed += u64::from(!is_ok);
-        let left = self.begin.elapsed().as_secs_f64() / self.own as f64 * (self.all - done) as f64;
+        let each_s = self.begin.elapsed().as_secs_f64() / self.own as f64;
+        let left = HumanDuration(Duration::from_secs_f64(each_s * (self.all - done) as f64));
         self.bar.set_position(done);
-        self.bar.set_message(format!("about {} left", duration(left)));
+        self.bar.set_message(format!("about {left} left"));
         if self.bar.is_hidden() && self.shown.elapsed() >= TELL_EVERY {
             self.shown = Instant::now();
-            eprintln!("{done} of {} samples, about {} left", self.all, duration(left));
+            eprintln!("{done} of {} samples, about {left} left", self.all);
         }
     }
 }
@@ -277,7 +279,7 @@ impl Sampler<'_> {
         }
         progress.bar.finish_and_clear();
         let Progress { own, failed, begin, .. } = progress;
-        let took = duration(begin.elapsed().as_secs_f64());
+        let took = HumanDuration(begin.elapsed());
         println!("{all} samples are there: {own} by this run in {took}, {failed} of them cannot be run");
         Ok(())
     }
@@ -358,22 +360,4 @@ impl Sampler<'_> {
 /// Longest time of a trial. Clocks of machines differ, their seconds hardly.
 fn lease(open: &TrialRecord) -> Option<Duration> {
     open.lease_expire_time?.duration_since(open.create_time?).ok()
-}
-
-fn duration(seconds: f64) -> String {
-    match seconds {
-        s if s < 90.0 => format!("{s:.0} s"),
-        s if s < 5400.0 => format!("{:.0} min", s / 60.0),
-        s => format!("{:.1} h", s / 3600.0),
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn durations_are_told_in_the_unit_of_their_size() {
-        assert_eq!([duration(5.0), duration(600.0), duration(7200.0)], ["5 s", "10 min", "2.0 h"]);
-    }
 }
