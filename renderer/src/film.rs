@@ -119,6 +119,19 @@ impl Picture {
         sum / self.pixels.len().max(1) as f64
     }
 
+    /// Mean luminances of the squares of pixels with this edge, row by row.
+    pub(crate) fn block_luminances(&self, edge: u32) -> Vec<f64> {
+        let across = self.width.div_ceil(edge);
+        let mut sums = vec![(0.0, 0_u32); (across * self.height.div_ceil(edge)) as usize];
+        for (index, &pixel) in self.pixels.iter().enumerate() {
+            let (x, y) = (index as u32 % self.width, index as u32 / self.width);
+            let (sum, count) = &mut sums[(y / edge * across + x / edge) as usize];
+            *sum += f64::from(luminance(pixel));
+            *count += 1;
+        }
+        sums.into_iter().map(|(sum, count)| sum / f64::from(count)).collect()
+    }
+
     /// Mean absolute difference of the pixels' luminance, relative to this picture's mean luminance. Zero for
     /// two black pictures.
     ///

@@ -10,7 +10,6 @@ use glam::Vec3;
 use image::{DynamicImage, ImageBuffer, ImageFormat, Rgb, RgbImage};
 
 use crate::film::Picture;
-use crate::integrator::sampling::luminance;
 use crate::tone::{displayed, encoded_plainly};
 
 /// Why a picture was not written.
@@ -99,8 +98,9 @@ fn exposure_factor(picture: &Picture, exposure: Exposure) -> f32 {
     match exposure {
         Exposure::Stops(stops) => stops.exp2(),
         Exposure::Auto => {
-            // Means of blocks: the logarithm of single noisy pixels, half of them black, says little.
-            let means = block_luminances(picture);
+            // Means of blocks, about 16 along the longer edge: the logarithm of single noisy pixels, half of
+            // them black, says little.
+            let means = picture.block_luminances(picture.width.max(picture.height).div_ceil(16).max(1));
             // Blocks that are nearly black say nothing about how bright the rest should be.
             let floor = picture.mean_luminance() * 1e-4;
             let lit: Vec<f64> = means.into_iter().filter(|&mean| mean > floor).map(f64::ln).collect();
@@ -111,20 +111,6 @@ fn exposure_factor(picture: &Picture, exposure: Exposure) -> f32 {
             }
         }
     }
-}
-
-/// Mean luminance of each block of pixels, about 16 blocks along the longer edge.
-fn block_luminances(picture: &Picture) -> Vec<f64> {
-    let edge = picture.width.max(picture.height).div_ceil(16).max(1);
-    let across = picture.width.div_ceil(edge);
-    let mut sums = vec![(0.0, 0_u32); (across * picture.height.div_ceil(edge)) as usize];
-    for (index, &pixel) in picture.pixels.iter().enumerate() {
-        let (x, y) = (index as u32 % picture.width, index as u32 / picture.width);
-        let (sum, count) = &mut sums[(y / edge * across + x / edge) as usize];
-        *sum += f64::from(luminance(pixel));
-        *count += 1;
-    }
-    sums.into_iter().map(|(sum, count)| sum / f64::from(count.max(1))).collect()
 }
 
 fn format_of(path: &Path) -> Result<ImageFormat, ImageFileError> {

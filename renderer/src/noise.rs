@@ -41,17 +41,10 @@ impl Weights {
         let mean = picture.mean_luminance();
         let edge = BLOCK as usize;
         let across = width.div_ceil(edge);
-        let mut sums = vec![(0.0, 0_u32); across * height.div_ceil(edge)];
-        let block = |pixel: usize| pixel / width / edge * across + pixel % width / edge;
-        for (pixel, value) in picture.pixels.iter().enumerate() {
-            let (sum, count) = &mut sums[block(pixel)];
-            *sum += f64::from(luminance(*value));
-            *count += 1;
-        }
+        let brightness = picture.block_luminances(BLOCK);
         let floor = (FLOOR * mean).max(f64::MIN_POSITIVE.sqrt());
         let weight = |pixel: usize| {
-            let (sum, count) = sums[block(pixel)];
-            let around = sum / f64::from(count);
+            let around = brightness[pixel / width / edge * across + pixel % width / edge];
             1.0 / (around * around + floor * floor)
         };
         Self { of_pixel: (0..width * height).map(weight).collect(), mean }

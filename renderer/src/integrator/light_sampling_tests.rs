@@ -11,7 +11,6 @@ use super::tests::{quad, scene};
 use crate::film::{Film, Picture};
 use crate::frame::Renderer;
 use crate::integrator::View;
-use crate::integrator::sampling::luminance;
 use crate::light_sampling::{LampChoice, LightSampling, SkyChoice};
 use crate::render_options::RenderOptions;
 use crate::scene::{Camera, Material, Sky, Sun};
@@ -19,7 +18,7 @@ use crate::space::Choice;
 
 const SIZE: [u32; 2] = [24, 16];
 /// Pixels of a square of the picture along either side.
-const SQUARE: usize = 8;
+const SQUARE: u32 = 8;
 const SEEDS: u64 = 10;
 const SAMPLES: u32 = 24;
 
@@ -64,17 +63,10 @@ fn picture(renderer: &Renderer, view: &View, options: &RenderOptions, samples: u
 
 /// Mean luminance of each square, and its standard error, over seeds.
 fn squares(renderer: &Renderer, view: &View) -> Vec<(f64, f64)> {
-    let across = SIZE[0] as usize / SQUARE;
-    let mut sums = vec![(0.0, 0.0); across * SIZE[1] as usize / SQUARE];
+    let mut sums = [(0.0, 0.0); (SIZE[0] * SIZE[1] / (SQUARE * SQUARE)) as usize];
     for seed in 0..SEEDS {
         let view = View { seed: 100 + seed, ..*view };
-        let picture = picture(renderer, &view, &RenderOptions::default(), SAMPLES);
-        let mut means = vec![0.0; sums.len()];
-        for (pixel, value) in picture.pixels.iter().enumerate() {
-            let (x, y) = (pixel % SIZE[0] as usize, pixel / SIZE[0] as usize);
-            means[y / SQUARE * across + x / SQUARE] +=
-                f64::from(luminance(*value)) / (SQUARE * SQUARE) as f64;
-        }
+        let means = picture(renderer, &view, &RenderOptions::default(), SAMPLES).block_luminances(SQUARE);
         for ((sum, squares), mean) in sums.iter_mut().zip(means) {
             *sum += mean;
             *squares += mean * mean;
@@ -85,7 +77,7 @@ fn squares(renderer: &Renderer, view: &View) -> Vec<(f64, f64)> {
         let mean = sum / count;
         (mean, ((squares / count - mean * mean).max(0.0) / (count - 1.0)).sqrt())
     };
-    sums.into_iter().map(of).collect()
+    sums.map(of).to_vec()
 }
 
 #[test]
