@@ -5,8 +5,7 @@ use std::sync::Arc;
 use glam::{Vec3, Vec3A};
 use rand::RngExt;
 use treewright_accel::{
-    BruteForce, BuildChoice, Builder, Collapse, Intersector, NativeOptions, Quality, Ray, Structure,
-    TreeParameters, Triangles, build,
+    BruteForce, BuildChoice, Builder, Collapse, Intersector, Quality, Ray, TreeParameters, Triangles, build,
 };
 
 mod scenes;
@@ -87,26 +86,6 @@ fn everything_in_one_plane() {
 fn one_triangle() {
     let one = [Vec3A::new(-1.0, -1.0, 0.0), Vec3A::new(1.0, -1.0, 0.3), Vec3A::new(0.0, 1.0, 0.0)];
     all_agree("one", &scenes::separate([one]), &scenes::rays(300, 12));
-}
-
-#[test]
-fn no_triangle_at_all() {
-    let nothing = Arc::new(Triangles::default());
-    for choice in parameters().into_iter().map(BuildChoice::Tree).chain([
-        BuildChoice::Native(NativeOptions::default()),
-        BuildChoice::Tree(TreeParameters { compact: true, ..TreeParameters::default() }),
-        BuildChoice::BruteForce,
-    ]) {
-        let structure = build(&device(), &nothing, &choice).expect("it builds");
-        for ray in scenes::rays(20, 14) {
-            assert_eq!(structure.closest(&ray), None);
-            assert!(!structure.occluded(&ray));
-        }
-        if let Structure::Tree(tree) = &structure {
-            tree.validate().expect("an empty tree is a valid tree");
-            assert_eq!(tree.statistics().triangle_references, 0);
-        }
-    }
 }
 
 /// Through a closed surface no ray may slip: not between triangles, not through corners.

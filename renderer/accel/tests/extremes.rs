@@ -64,6 +64,11 @@ fn needles_of_aspect_a_million() {
 }
 
 #[test]
+fn no_triangle_at_all() {
+    check("nothing", &Arc::default(), &scenes::rays(20, 14), 0);
+}
+
+#[test]
 fn all_triangles_coincide() {
     let one = [Vec3A::new(-1.0, -1.0, 0.1), Vec3A::new(1.0, -1.0, 0.2), Vec3A::new(0.0, 1.0, 0.0)];
     check("coincident", &scenes::separate(vec![one; 1000]), &towards(Vec3::ZERO, 3.0, 1.0, 200, 85), 90);

@@ -26,7 +26,7 @@ fn all_agree(configurations: impl Fn(&TuningSpace) -> Vec<Configuration>) {
         .map(|robust| TuningSpace::new(Preset::Full, &Premises { robust, ..Premises::all() }))
         .map(|space| (configurations(&space), space));
     let mut found = Vec::new();
-    for kind in Kind::ALL {
+    for kind in Kind::all() {
         let mut case = Case::new(kind);
         for (number, (configurations, space)) in spaces.iter().enumerate() {
             for configuration in configurations {

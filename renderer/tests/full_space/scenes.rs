@@ -13,37 +13,23 @@ use treewright_scene::{Material, Scene, Sky};
 
 /// The scene that a structure is built over.
 #[derive(Clone, Copy, Debug)]
-pub(crate) enum Kind {
-    Flat,
-    Instanced,
-    Moving,
-    MovingInstanced,
-    Masked,
-    MaskedInstanced,
-    MovingMasked,
+pub(crate) struct Kind {
+    instanced: bool,
+    masked: bool,
+    moving: bool,
 }
 
 impl Kind {
-    pub(crate) const ALL: [Self; 7] = [
-        Self::Flat,
-        Self::Instanced,
-        Self::Moving,
-        Self::MovingInstanced,
-        Self::Masked,
-        Self::MaskedInstanced,
-        Self::MovingMasked,
-    ];
+    /// All but one of everything.
+    pub(crate) fn all() -> impl Iterator<Item = Self> {
+        (0..7).map(|kind| Self { instanced: kind & 1 != 0, masked: kind & 2 != 0, moving: kind & 4 != 0 })
+    }
 
     /// The scene, and for one that moves its state a moment later.
     pub(crate) fn scenes(self) -> Vec<Arc<Scene>> {
-        let scene = match self {
-            Self::Flat | Self::Moving => room(false),
-            Self::Instanced | Self::MovingInstanced => room(true),
-            Self::Masked | Self::MovingMasked => masked(room(false)),
-            Self::MaskedInstanced => masked(room(true)),
-        };
-        let is_still = matches!(self, Self::Flat | Self::Instanced | Self::Masked | Self::MaskedInstanced);
-        let later = (!is_still).then(|| Arc::new(later(&scene)));
+        let room = room(self.instanced);
+        let scene = if self.masked { masked(room) } else { room };
+        let later = self.moving.then(|| Arc::new(later(&scene)));
         [Arc::new(scene)].into_iter().chain(later).collect()
     }
 }
