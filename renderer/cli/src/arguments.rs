@@ -1,6 +1,8 @@
 //! Groups of arguments that several commands share, and the scenes, cameras and structures made from them.
 
+use std::ops::RangeInclusive;
 use std::path::PathBuf;
+use std::str::FromStr;
 use std::sync::Arc;
 
 use clap::Args;
@@ -141,7 +143,7 @@ impl std::fmt::Display for Size {
     }
 }
 
-impl std::str::FromStr for Size {
+impl FromStr for Size {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
@@ -332,7 +334,7 @@ pub struct NamedConfiguration {
     pub path: PathBuf,
 }
 
-impl std::str::FromStr for NamedConfiguration {
+impl FromStr for NamedConfiguration {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
@@ -417,12 +419,19 @@ fn native() -> impl TypedValueParser<Value = NativeQuality> {
     ])
 }
 
+/// A number of a range, which is told as `wanted` where it is none.
+pub(crate) fn number_within<T: FromStr + PartialOrd>(
+    text: &str,
+    range: RangeInclusive<T>,
+    wanted: &str,
+) -> Result<T, String> {
+    let number = text.parse::<T>().ok().filter(|number| range.contains(number));
+    number.ok_or_else(|| format!("it must be {wanted}"))
+}
+
 /// A number from 0 to 1.
 pub fn unit_interval(text: &str) -> Result<f32, String> {
-    match text.parse::<f32>() {
-        Ok(value) if (0.0..=1.0).contains(&value) => Ok(value),
-        _ => Err("it must be a number from 0 to 1".to_owned()),
-    }
+    number_within(text, 0.0..=1.0, "a number from 0 to 1")
 }
 
 /// Three finite numbers with commas between them.
@@ -435,17 +444,11 @@ fn vector(text: &str) -> Result<DVec3, String> {
 }
 
 fn fov(text: &str) -> Result<f32, String> {
-    match text.parse::<f32>() {
-        Ok(degrees) if FOV_RANGE_DEG.contains(&degrees) => Ok(degrees),
-        _ => Err("it must be an angle from 0.01 to 170 degrees".to_owned()),
-    }
+    number_within(text, FOV_RANGE_DEG, "an angle from 0.01 to 170 degrees")
 }
 
 fn threads(text: &str) -> Result<usize, String> {
-    match text.parse() {
-        Ok(threads) if threads <= THREADS_MAX => Ok(threads),
-        _ => Err(format!("it must be a whole number from 0 to {THREADS_MAX}")),
-    }
+    number_within(text, 0..=THREADS_MAX, &format!("a whole number from 0 to {THREADS_MAX}"))
 }
 
 #[cfg(test)]

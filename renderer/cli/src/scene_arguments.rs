@@ -8,6 +8,7 @@ use clap::builder::TypedValueParser;
 use treewright_scene::motion::{Motion, Mover};
 use treewright_scene::{Environment, Scene, Sky, Up, builtin, load_upright};
 
+use crate::arguments::number_within;
 use crate::error::CliError;
 use crate::names::one_of;
 
@@ -194,17 +195,11 @@ fn up_axis() -> impl TypedValueParser<Value = Up> {
 }
 
 fn finite(text: &str) -> Result<f32, String> {
-    text.parse::<f32>()
-        .ok()
-        .filter(|number| number.is_finite())
-        .ok_or("it must be a finite number".to_owned())
+    number_within(text, f32::MIN..=f32::MAX, "a finite number")
 }
 
 fn brightness(text: &str) -> Result<f32, String> {
-    match text.parse::<f32>() {
-        Ok(factor) if (0.0..=1e6).contains(&factor) => Ok(factor),
-        _ => Err("it must be a number from 0 to 1e6".to_owned()),
-    }
+    number_within(text, 0.0..=1e6, "a number from 0 to 1e6")
 }
 
 #[cfg(test)]

@@ -118,7 +118,8 @@ mod tests {
     #[test]
     fn lamps_and_uneven_triangles_by_hand() {
         let mut assembler = cube(2.0);
-        let lamp = assembler.material(Material { emission: Vec3::ONE, ..Material::default() });
+        let lamp = Material { emission: Vec3::ONE, metallic: 1.0, roughness: 0.25, ..Material::default() };
+        let lamp = assembler.material(lamp);
         // Inside the box, so the diagonal squared stays 12; areas 1/2 and 2.
         let mut shapes = Shapes::new();
         shapes.triangle(Vec3::ZERO, Vec3::X, Vec3::Y);
@@ -134,6 +135,7 @@ mod tests {
         check("light_area", 2.5 / 12.0);
         check("total_area", 26.5 / 12.0);
         check("area_per_mesh", 26.5 / 24.0);
+        check("diffuse_ratio", (24.0 + 0.25 * 2.5) / 26.5);
         // The lamp's sizes are 1/24 and 4/24: mean 2.5/24, variance (1.5/24)². The cube's variance is 0.
         let lamp_variance = (1.5_f64 / 24.0).powi(2);
         check("var_tri_size_mean", lamp_variance / 2.0 * 1e12);

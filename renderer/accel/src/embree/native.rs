@@ -271,10 +271,7 @@ impl Intersector for NativeScene {
         if !ray.is_valid() {
             return None;
         }
-        let mut query = ffi::RayHit {
-            ray: to_embree(ray),
-            hit: ffi::RtcHit::NONE,
-        };
+        let mut query = ffi::RayHit { ray: to_embree(ray), hit: ffi::RtcHit::NONE };
         // SAFETY: the scene is committed; our structure is at least as large as the library's (see `ffi`);
         // null arguments mean the defaults.
         unsafe { ffi::rtcIntersect1(self.scene.0, (&raw mut query).cast(), ptr::null_mut()) };
@@ -360,10 +357,8 @@ pub(super) mod tests {
     #[test]
     fn the_library_does_not_write_past_our_structures() {
         let native = triangle();
-        let mut closest = Guarded {
-            query: ffi::RayHit { ray: to_embree(&ray()), hit: ffi::RtcHit::NONE },
-            canary: CANARY,
-        };
+        let mut closest =
+            Guarded { query: ffi::RayHit { ray: to_embree(&ray()), hit: ffi::RtcHit::NONE }, canary: CANARY };
         let mut any = Guarded { query: to_embree(&ray()), canary: CANARY };
         // SAFETY: as in the queries above.
         unsafe {
