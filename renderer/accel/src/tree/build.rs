@@ -197,7 +197,7 @@ mod tests {
                     let parameters = TreeParameters {
                         builder,
                         collapse,
-                        branching_factor: 4,
+                        branching_factor: 8,
                         max_leaf_size: 4,
                         max_depth: 64,
                         ..TreeParameters::default()

@@ -224,39 +224,3 @@ impl Emitter<'_> {
         Ok(Written(NodeRef::to_leaf(blocks, count), prospect))
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::super::binary::tests::boxes;
-    use super::super::occlusion::sort_children;
-    use super::super::ploc::tests::over;
-    use super::*;
-    use crate::layout::Node;
-
-    /// All references below a node, depth first in the order of the children.
-    fn references(root: NodeRef, found: &mut Vec<*mut std::ffi::c_void>) {
-        found.push(root.into_raw());
-        if !root.is_leaf() {
-            // SAFETY: the test has just written nodes of this width, and their memory lives.
-            let node = unsafe { root.node::<Node<8>>() };
-            node.children()[..node.count()].iter().for_each(|&child| references(child, found));
-        }
-    }
-
-    proptest::proptest! {
-        #[test]
-        fn children_come_in_the_order_that_sorting_gives_afterwards(boxes in boxes()) {
-            let parameters = TreeParameters { max_leaf_size: 4, ..TreeParameters::default() };
-            let triangles = over(&boxes);
-            let ploc = Ploc::build(&triangles, &parameters);
-            let (_slabs, root) = emit::<Node<8>, 4>(&ploc, &triangles, &parameters).expect("it is not deep");
-            let mut emitted = Vec::new();
-            references(root, &mut emitted);
-            // SAFETY: it is of these nodes and blocks, and there is no other reference to it.
-            unsafe { sort_children::<Node<8>, 4>(root, ploc.bounds(ploc.root), &parameters) };
-            let mut sorted = Vec::new();
-            references(root, &mut sorted);
-            proptest::prop_assert!(emitted == sorted);
-        }
-    }
-}
