@@ -92,29 +92,24 @@ fn middle(picture: &Picture) -> Vec3 {
     at(picture, picture.width / 2, picture.height / 2)
 }
 
-/// From above, looking down.
+/// From above, looking or shining down.
 fn above(height: f64) -> Value {
     let half = std::f64::consts::FRAC_1_SQRT_2;
     json!({"translation": [0, height, 0], "rotation": [-half, 0, 0, half]})
-}
-
-/// From above, shining down.
-fn down(height: f64) -> Value {
-    above(height)
 }
 
 /// Every kind of light that gives an irradiance of 10 in the middle of the ground is as bright there.
 #[test]
 fn a_point_of_forty_candela_at_two_metres_is_a_sun_of_ten() {
     let kinds = [
-        (down(2.0), json!({"type": "point", "intensity": 40})),
-        (down(2.0), json!({"type": "directional", "intensity": 10})),
+        (above(2.0), json!({"type": "point", "intensity": 40})),
+        (above(2.0), json!({"type": "directional", "intensity": 10})),
         (
-            down(2.0),
+            above(2.0),
             json!({"type": "spot", "intensity": 40, "spot": {"innerConeAngle": 0.2, "outerConeAngle": 0.3}}),
         ),
-        (down(200.0), json!({"type": "point", "intensity": 400_000})),
-        (down(0.002), json!({"type": "point", "intensity": 4e-5})),
+        (above(200.0), json!({"type": "point", "intensity": 400_000})),
+        (above(0.002), json!({"type": "point", "intensity": 4e-5})),
     ];
     for (node, light) in kinds {
         let description = light.to_string();
@@ -124,7 +119,7 @@ fn a_point_of_forty_candela_at_two_metres_is_a_sun_of_ten() {
         assert!((middle.x - 1.5).abs() < 0.03, "{description}: {middle}");
     }
     // Fifty lights of a fiftieth each, of which only a few are looked at at once.
-    let lights = (0..50).map(|_| (down(2.0), json!({"type": "point", "intensity": 0.8}))).collect();
+    let lights = (0..50).map(|_| (above(2.0), json!({"type": "point", "intensity": 0.8}))).collect();
     let middle = middle(&ground(above(1.0), 0.05, lights).picture(8, 64));
     assert!((middle.x - 1.5).abs() < 0.03, "{middle}");
 }
@@ -159,7 +154,7 @@ fn a_picture_does_not_depend_on_the_unit_of_length() {
 /// A long lens on a small patch sees what a short one sees there.
 #[test]
 fn a_twentieth_of_a_degree_is_seen_right() {
-    let lights = || vec![(down(2.0), json!({"type": "point", "intensity": 40}))];
+    let lights = || vec![(above(2.0), json!({"type": "point", "intensity": 40}))];
     let middle = middle(&ground(above(500.0), 0.05_f64.to_radians(), lights()).picture(32, 16));
     assert!((middle.x - 1.5).abs() < 0.03, "{middle}");
     // From 500 it covers 0.44: neighbours differ, and the light falls off to either side as it should.

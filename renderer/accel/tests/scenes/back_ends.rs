@@ -85,7 +85,7 @@ pub(crate) fn trees() -> Vec<TreeParameters> {
     all
 }
 
-/// Native scenes of every quality, compact and robust.
+/// Native scenes of every quality and flag.
 pub(crate) fn native_kinds() -> Vec<NativeOptions> {
     let mut all = Vec::new();
     for quality in [NativeQuality::Low, NativeQuality::Medium, NativeQuality::High] {
@@ -93,12 +93,6 @@ pub(crate) fn native_kinds() -> Vec<NativeOptions> {
             all.push(NativeOptions { quality, compact, robust, ..NativeOptions::default() });
         }
     }
-    all
-}
-
-/// Native scenes of every quality and flag.
-pub(crate) fn natives() -> Vec<NativeOptions> {
-    let mut all = native_kinds();
     all.push(NativeOptions { dynamic: true, ..NativeOptions::default() });
     all
 }
@@ -111,7 +105,7 @@ pub(crate) fn each(triangles: &Arc<Triangles>, mut check: impl FnMut(&str, &dyn 
         tree.validate().unwrap_or_else(|fault| panic!("{parameters:?}: {fault}"));
         each_isa(tree, |isa, tree| check(&format!("{isa:?}, {parameters:?}"), tree));
     }
-    for options in natives() {
+    for options in native_kinds() {
         let native = build(&device(), triangles, &BuildChoice::Native(options));
         let native = native.unwrap_or_else(|error| panic!("{options:?}: {error}"));
         check(&format!("{options:?}"), &native);

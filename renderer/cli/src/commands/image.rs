@@ -2,13 +2,15 @@
 
 use std::path::PathBuf;
 
-use clap::{Args, ValueEnum};
+use clap::Args;
+use clap::builder::TypedValueParser;
 use indicatif::ProgressBar;
 use serde::Serialize;
 
 use crate::arguments::{CameraArguments, FrameArguments, SceneArguments, Size, StructureArguments};
 use crate::error::{CliError, check_folder};
 use crate::interrupt::Interrupt;
+use crate::names::one_of;
 use crate::output;
 use treewright_renderer::film::Film;
 use treewright_renderer::image_file::{self, Exposure, Look, Tone};
@@ -42,8 +44,8 @@ pub(crate) struct Arguments {
     exposure: Option<f32>,
 
     /// How radiance becomes the colours of a PNG.
-    #[arg(long, value_enum, default_value_t = ToneArgument::Film)]
-    tone: ToneArgument,
+    #[arg(long, value_parser = tone(), default_value = "film")]
+    tone: Tone,
 
     /// Output file, .png or .exr.
     #[arg(short, long, value_name = "FILE")]
@@ -54,13 +56,12 @@ pub(crate) struct Arguments {
     json: bool,
 }
 
-/// Ways from radiance to colours.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-enum ToneArgument {
-    /// A film-like curve (AgX), in which nothing burns out.
-    Film,
-    /// Plain sRGB: what is above white is cut off.
-    Plain,
+/// Reads a way from radiance to colours.
+fn tone() -> impl TypedValueParser<Value = Tone> {
+    one_of([
+        (Tone::Film, "film", "A film-like curve (AgX), in which nothing burns out"),
+        (Tone::Plain, "plain", "Plain sRGB: what is above white is cut off"),
+    ])
 }
 
 /// The output of `image --json`.
@@ -113,11 +114,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
     bar.finish_and_clear();
     let picture = film.picture();
     let exposure = arguments.exposure.map_or(Exposure::Auto, Exposure::Stops);
-    let tone = match arguments.tone {
-        ToneArgument::Film => Tone::Film,
-        ToneArgument::Plain => Tone::Plain,
-    };
-    image_file::write(&picture, Look { exposure, tone }, &arguments.out)?;
+    image_file::write(&picture, Look { exposure, tone: arguments.tone }, &arguments.out)?;
     let outcome = Outcome {
         scene: scene.name.clone(),
         triangles: scene.triangles.len(),
