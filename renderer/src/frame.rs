@@ -12,6 +12,7 @@ use treewright_accel::{
     build_instanced,
 };
 
+use crate::bias::{Bias, Squares};
 use crate::film::{Film, Picture};
 use crate::integrator::{Counts, Learnt, Needs, Prepared, View, learn, render_sample_until};
 use crate::light_sampling::{LearningTimes, LightSampling};
@@ -22,6 +23,9 @@ use crate::scheduling::{RunQueueDelay, ThreadTimes, of_process, thread_cpu_ms, u
 use crate::shelf::{Built, Shelf};
 use crate::statistics::Summary;
 use treewright_scene::Scene;
+
+/// Makes the seeds of a second look others.
+const SECOND_LOOK: u64 = 0x5bf0_3635;
 
 /// The times of one frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -234,11 +238,10 @@ impl Renderer {
         }
         self.set_light_sampling(LightSampling::default());
         let learning = self.learn_light(view, size)?;
-        let mut film = Film::new(size[0], size[1]);
-        for _ in 0..WEIGHT_SAMPLES {
-            self.render(view, options, &mut film)?;
-        }
-        let weights = Weights::of(&film.picture());
+        // With other random numbers than the frames to come.
+        let other = View { seed: !view.seed, ..*view };
+        let (halves, _) = self.halves(self.structure()?, &other, size, WEIGHT_SAMPLES / 2, options);
+        let weights = Weights::of(halves.each_ref());
         self.studied = Some(Studied { view: *view, size, learning, weights });
         Some(learning)
     }
@@ -251,7 +254,7 @@ impl Renderer {
         options: &RenderOptions,
     ) -> Option<(FrameTimes, ThreadTimes)> {
         let studied = self.studied.as_ref()?;
-        let rendered = || self.halves(structure, studied, options);
+        let rendered = || self.halves(structure, &studied.view, studied.size, HALF_SAMPLES, options);
         let ((pictures, times_ms), threads) = self.watching_threads(rendered);
         let noise = FrameNoise::of([&pictures[0], &pictures[1]], &studied.weights);
         let passes = times_ms.len() as f64;
@@ -263,18 +266,45 @@ impl Renderer {
         Some((FrameTimes { noise: Some(noise), ..times }, each))
     }
 
-    /// Two pictures that are drawn independently, and the milliseconds of each sample.
+    /// Whether the bias of a [noisy frame](Self::noisy_frame) is found again with other random numbers. The
+    /// way of light sampling in use is compared with the plain one.
+    pub fn finds_again(&mut self, bias: &Bias, options: &RenderOptions) -> bool {
+        let how = self.prepared.light_sampling();
+        let expected = self.look(LightSampling::default(), WEIGHT_SAMPLES / 2, !SECOND_LOOK, options);
+        let found = self.look(how, HALF_SAMPLES, SECOND_LOOK, options);
+        found.zip(expected).is_some_and(|(found, expected)| found.confirms(&expected, bias))
+    }
+
+    /// Renders halves in the studied view and in one way. `mask` makes its seed another.
+    fn look(
+        &mut self,
+        how: LightSampling,
+        samples: u32,
+        mask: u64,
+        options: &RenderOptions,
+    ) -> Option<Squares> {
+        self.set_light_sampling(how);
+        let Studied { view, size, .. } = self.studied.as_ref()?;
+        let view = View { seed: view.seed ^ mask, ..*view };
+        let (halves, _) = self.halves(self.structure()?, &view, *size, samples, options);
+        Some(Squares::of(halves.each_ref()))
+    }
+
+    /// Two pictures that are drawn independently, of `samples` samples each, and the milliseconds of each
+    /// sample.
     fn halves(
         &self,
         structure: &Structure,
-        studied: &Studied,
+        view: &View,
+        [width, height]: [u32; 2],
+        samples: u32,
         options: &RenderOptions,
     ) -> ([Picture; 2], Vec<f64>) {
         let mut times_ms = Vec::new();
         let pictures = [0, 1].map(|half| {
-            let mut film = Film::new(studied.size[0], studied.size[1]);
-            let view = View { seed: studied.view.seed.wrapping_mul(2).wrapping_add(half), ..studied.view };
-            for _ in 0..HALF_SAMPLES {
+            let mut film = Film::new(width, height);
+            let view = View { seed: view.seed.wrapping_mul(2).wrapping_add(half), ..*view };
+            for _ in 0..samples {
                 times_ms.push(self.render_with(structure, &view, options, &mut film).0);
             }
             film.picture()

@@ -10,6 +10,7 @@
 //! | `space` | tuning spaces, and the meaning of a configuration |
 //! | `disturbance` | the other work of a machine during a measurement |
 //! | `scheduling` | threads' processor times, and their waits for a processor |
+//! | `noise`, `bias` | the error of a picture, and the guard of its expectation |
 //! | `measure`, `statistics` | contenders in interleaved rounds, and conclusions from them |
 //! | `processes` | the difference between rounds of two processes |
 //! | `tuning` | the loop of the paper's Figure 1, over the wire |
@@ -17,6 +18,7 @@
 //!
 //! Scenes come from the crate `treewright-scene`, command lines stand in `treewright-render-cli`.
 
+pub mod bias;
 pub mod disturbance;
 pub mod film;
 pub mod follow;

@@ -3,6 +3,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::bias::{Bias, FLOOR, Squares};
 use crate::film::Picture;
 use crate::integrator::sampling::luminance;
 
@@ -13,16 +14,13 @@ const TRIMMED: f64 = 1e-3;
 /// Edge of the squares over which brightness is averaged for the weights, in pixels.
 const BLOCK: u32 = 8;
 
-/// Darkness below this share of the picture's mean does not weigh more.
-const FLOOR: f64 = 0.1;
-
 /// The weight of error in each pixel: one over the square of the brightness around it, so that errors are
 /// relative. One set serves all pictures that are compared.
 #[derive(Clone, Debug)]
 pub struct Weights {
     of_pixel: Vec<f64>,
-    /// Mean luminance of the picture.
-    mean: f64,
+    /// The picture that they are of.
+    expected: Squares,
 }
 
 /// The error of a picture.
@@ -35,19 +33,21 @@ pub struct Noise {
 }
 
 impl Weights {
-    /// By the brightness of a picture.
-    pub fn of(picture: &Picture) -> Self {
-        let (width, height) = (picture.width as usize, picture.height as usize);
-        let mean = picture.mean_luminance();
+    /// By the brightness of the mean of two pictures that are drawn independently of each other.
+    pub fn of(halves: [&Picture; 2]) -> Self {
+        let [first, second] = halves;
+        let (width, height) = (first.width as usize, first.height as usize);
+        let mean = 0.5 * (first.mean_luminance() + second.mean_luminance());
         let edge = BLOCK as usize;
         let across = width.div_ceil(edge);
-        let brightness = picture.block_luminances(BLOCK);
+        let [one, other] = halves.map(|half| half.block_luminances(BLOCK));
+        let brightness: Vec<f64> = one.iter().zip(&other).map(|(a, b)| 0.5 * (a + b)).collect();
         let floor = (FLOOR * mean).max(f64::MIN_POSITIVE.sqrt());
         let weight = |pixel: usize| {
             let around = brightness[pixel / width / edge * across + pixel % width / edge];
             1.0 / (around * around + floor * floor)
         };
-        Self { of_pixel: (0..width * height).map(weight).collect(), mean }
+        Self { of_pixel: (0..width * height).map(weight).collect(), expected: Squares::of(halves) }
     }
 }
 
@@ -99,7 +99,7 @@ impl Noise {
 /// Samples of each half where noise is measured.
 pub const HALF_SAMPLES: u32 = 4;
 
-/// Samples of the picture whose brightness errors are relative to.
+/// Samples of the picture whose brightness errors are relative to, in two halves.
 pub(crate) const WEIGHT_SAMPLES: u32 = 16;
 
 /// The relative variance that counts as arrived: errors of a tenth.
@@ -114,23 +114,19 @@ pub struct FrameNoise {
     pub standard_error: f64,
     /// Samples a pixel until the variance is [`TARGET_VARIANCE`], if each brings as much as these did.
     pub samples_to_error: f64,
-    /// Mean luminance over that of the picture that errors are relative to: 1 but for noise.
-    pub brightness: f64,
+    /// What differs most from the picture that errors are relative to, by more than noise would make it.
+    #[serde(skip)]
+    pub bias: Option<Bias>,
 }
-
-/// Largest relative error of a frame's brightness. It is above the error by noise; more is a fault in the
-/// sampling of light.
-pub const BRIGHTNESS_TOLERANCE: f64 = 0.05;
 
 impl FrameNoise {
     /// Of two halves.
     pub(crate) fn of(halves: [&Picture; 2], weights: &Weights) -> Self {
         let Noise { relative_variance, standard_error } = Noise::of(halves, weights);
         let samples = f64::from(2 * HALF_SAMPLES);
-        let mean = halves.map(Picture::mean_luminance).iter().sum::<f64>() / 2.0;
-        let brightness = if weights.mean > 0.0 { mean / weights.mean } else { 1.0 };
         let samples_to_error = samples * relative_variance / TARGET_VARIANCE;
-        Self { relative_variance, standard_error, samples_to_error, brightness }
+        let bias = Squares::of(halves).bias(&weights.expected);
+        Self { relative_variance, standard_error, samples_to_error, bias }
     }
 }
 
@@ -149,11 +145,15 @@ mod tests {
         Picture { width: 64, height: 48, pixels: pixels.collect() }
     }
 
+    fn weights(level: f32, random: &mut ChaCha8Rng) -> Weights {
+        Weights::of([&noisy(level, 0.0, random), &noisy(level, 0.0, random)])
+    }
+
     #[test]
     fn the_error_of_a_known_noise_is_found() {
         let mut random = ChaCha8Rng::seed_from_u64(5);
         for (level, deviation) in [(2.0, 0.4), (0.01, 0.001), (500.0, 200.0)] {
-            let weights = Weights::of(&noisy(level, 0.0, &mut random));
+            let weights = weights(level, &mut random);
             let halves = [0, 1].map(|_| noisy(level, deviation, &mut random));
             let noise = Noise::of([&halves[0], &halves[1]], &weights);
             // The mean of two halves has half the variance; a hundredth of the weight is the floor's.
@@ -162,7 +162,7 @@ mod tests {
             assert!(off < 0.08, "{level}: {} and {expected}", noise.relative_variance);
             assert!(noise.standard_error > 0.005 * expected && noise.standard_error < 0.05 * expected);
             let frame = FrameNoise::of([&halves[0], &halves[1]], &weights);
-            assert!((frame.brightness - 1.0).abs() < 0.02);
+            assert_eq!(frame.bias, None);
             assert!((frame.samples_to_error - 800.0 * noise.relative_variance).abs() < 1e-9);
         }
     }
@@ -170,15 +170,14 @@ mod tests {
     #[test]
     fn a_few_bright_dots_do_not_decide_and_black_pictures_have_no_error() {
         let mut random = ChaCha8Rng::seed_from_u64(6);
-        let weights = Weights::of(&noisy(1.0, 0.0, &mut random));
+        let weights = weights(1.0, &mut random);
         let mut halves = [0, 1].map(|_| noisy(1.0, 0.1, &mut random));
         let before = Noise::of([&halves[0], &halves[1]], &weights).relative_variance;
         halves[0].pixels[77] = Vec3::splat(1e6);
         let after = Noise::of([&halves[0], &halves[1]], &weights).relative_variance;
         assert!((after / before - 1.0).abs() < 0.05);
         let black = noisy(0.0, 0.0, &mut random);
-        let noise = Noise::of([&black, &black], &Weights::of(&black));
-        assert_eq!(noise.relative_variance, 0.0);
-        assert!(FrameNoise::of([&black, &black], &Weights::of(&black)).brightness == 1.0);
+        let noise = FrameNoise::of([&black, &black], &Weights::of([&black, &black]));
+        assert_eq!((noise.relative_variance, noise.bias), (0.0, None));
     }
 }

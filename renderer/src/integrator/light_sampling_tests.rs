@@ -182,6 +182,21 @@ fn variances(name: &str, detail: f32, ways: [LightSampling; 2]) -> [f64; 2] {
 }
 
 #[test]
+fn no_way_is_taken_for_a_biased_one() {
+    let (mut renderer, view) = renderer("loft", 0.2);
+    let options = RenderOptions::default();
+    renderer.study_view(&view, &options, [96, 64]).expect("there is a structure");
+    for way in ways() {
+        renderer.set_light_sampling(way);
+        let structure = renderer.structure().expect("there is one");
+        let (times, _) = renderer.noisy_frame(structure, &options).expect("the view was studied");
+        let bias = times.noise.and_then(|noise| noise.bias);
+        let bias = bias.filter(|bias| renderer.finds_again(bias, &options));
+        assert_eq!(bias, None, "{way:?}");
+    }
+}
+
+#[test]
 fn the_sky_through_windows_is_found_sooner_once_it_was_learnt() {
     let plain = LightSampling::default();
     let learnt = LightSampling { sky: SkyChoice::Learnt, learnt_shares: true, ..plain };

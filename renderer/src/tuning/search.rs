@@ -25,7 +25,7 @@ use crate::film::Film;
 use crate::frame::{FrameTimes, Renderer, milliseconds};
 use crate::integrator::View;
 use crate::limits::FRAMES_PER_SLOW_BUILD_MAX;
-use crate::noise::{BRIGHTNESS_TOLERANCE, FrameNoise, HALF_SAMPLES};
+use crate::noise::HALF_SAMPLES;
 use crate::scheduling::ThreadTimes;
 use crate::space::{Choice, TuningSpace};
 use crate::statistics::Summary;
@@ -323,18 +323,15 @@ fn run_noisy(
         let times = FrameTimes { build_ms, ..times };
         Some(times.with_threads(renderer.threads(), ready.threads, threads))
     });
+    let bias = measured.and_then(|times| times.noise?.bias);
+    if let Some(bias) = bias.filter(|bias| renderer.finds_again(bias, &choice.render)) {
+        return (Outcome::infeasible(bias.to_string()), None);
+    }
     match measured {
         None => (Outcome::failed("no structure was built"), None),
         Some(times) if times.noise.is_none_or(|noise| noise.relative_variance <= 0.0) => {
             (Outcome::failed("the picture has no noise that could be measured"), None)
         }
-        Some(FrameTimes { noise: Some(noise), .. }) if is_off(&noise) => (
-            Outcome::infeasible(format!(
-                "the picture's brightness is {:.2} times what it should be: this sampling is not sound here",
-                noise.brightness
-            )),
-            None,
-        ),
         Some(times) => {
             let trials_before = (ready.trials_before > 0).then_some(ready.trials_before);
             let structure_bytes = renderer.structure_bytes();
@@ -367,11 +364,6 @@ pub fn not_built(error: &BuildError) -> Outcome {
         true => Outcome::infeasible(error.to_string()),
         false => Outcome::failed(error.to_string()),
     }
-}
-
-/// Whether a picture's brightness is off by more than its noise could make it.
-fn is_off(noise: &FrameNoise) -> bool {
-    (noise.brightness - 1.0).abs() > BRIGHTNESS_TOLERANCE
 }
 
 /// Number of frames that take a tenth of a build, within bounds.
@@ -452,6 +444,7 @@ pub(super) mod testing {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::noise::FrameNoise;
     use crate::space::{Narrowing, Premises, Preset};
     use crate::tuning::verdict::baseline;
     use treewright_accel::NativeQuality;
@@ -545,12 +538,8 @@ mod tests {
 
     #[test]
     fn the_time_to_an_error_has_the_standard_error_of_the_variance() {
-        let noise = FrameNoise {
-            relative_variance: 0.5,
-            standard_error: 0.125,
-            samples_to_error: 400.0,
-            brightness: 1.0,
-        };
+        let noise =
+            FrameNoise { relative_variance: 0.5, standard_error: 0.125, samples_to_error: 400.0, bias: None };
         let times = FrameTimes { noise: Some(noise), ..FrameTimes::of(0.0, 2.0) };
         let measured = measurements(Some(times), 1, Objective::Error);
         assert_eq!(measured.get("error_ms"), Some(800.0));
