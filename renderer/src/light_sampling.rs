@@ -22,6 +22,8 @@ pub struct LightSampling {
     pub sky_share: f32,
     /// Whether shadow rays are divided by the shares learnt with the sky, instead of the two constants.
     pub learnt_shares: bool,
+    /// Shadow rays at the first hit of a path, which share its light: 1 to 16. Later hits have one.
+    pub first_shadow_rays: u32,
     /// A shadow ray for less light than this share of the picture's mean is traced with a lower probability,
     /// and brings more if it is; 0 to trace them all.
     pub shadow_roulette: f32,
@@ -86,6 +88,7 @@ impl Default for LightSampling {
             sky: SkyChoice::Plain,
             sky_share: 0.5,
             learnt_shares: false,
+            first_shadow_rays: 1,
             shadow_roulette: 0.0,
             path_roulette: 0.0,
         }

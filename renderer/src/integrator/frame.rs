@@ -1,6 +1,7 @@
 //! The data that all tiles of one sample of a picture share, and the first rays of paths.
 
-use treewright_accel::Ray;
+use glam::Vec3;
+use treewright_accel::{Hit, Ray};
 
 use super::View;
 use super::lens::Lens;
@@ -9,8 +10,12 @@ use super::needs::Needs;
 use super::prepared::Prepared;
 use super::random::PathRandom;
 use super::roulette::Roulette;
-use super::vertex::{Kernel, Path, Tracing};
+use super::vertex::{Kernel, Path, Shadow, Tracing};
 use crate::film::{Film, Tile};
+use crate::limits::FIRST_SHADOW_RAYS_MAX;
+
+/// Vertices that stand for further shadow rays of a first hit, beyond those of the longest path.
+const FURTHER: u16 = 1 << 15;
 
 /// The data that all tiles of a frame share.
 pub(super) struct Frame<'a> {
@@ -18,6 +23,8 @@ pub(super) struct Frame<'a> {
     pub(super) kernel: Kernel,
     pub(super) tracing: Tracing,
     pub(super) roulette: Roulette,
+    /// Shadow rays of a first hit: at least 1.
+    pub(super) first_shadow_rays: u16,
     lens: Lens,
     seed: u64,
     width: u32,
@@ -29,11 +36,13 @@ impl<'a> Frame<'a> {
     /// The next sample of a film.
     pub(super) fn new(prepared: &'a Prepared, view: &View, needs: Needs, film: &Film) -> Self {
         let lens = Lens::new(&view.camera, film.width(), film.height());
+        let how = prepared.light_sampling();
         Self {
             prepared,
             kernel: Kernel::of(needs),
             tracing: Tracing { bounces: view.bounces, pixel_angle: lens.pixel_angle() },
-            roulette: Roulette::new(prepared.light_sampling(), prepared.learnt.brightness),
+            roulette: Roulette::new(how, prepared.learnt.brightness),
+            first_shadow_rays: how.first_shadow_rays.clamp(1, FIRST_SHADOW_RAYS_MAX) as u16,
             lens,
             seed: view.seed,
             width: film.width(),
@@ -53,6 +62,45 @@ impl<'a> Frame<'a> {
         let random = PathRandom::new(self.seed, y * self.width + x, self.sample);
         let ray = self.lens.ray(x, y, random.pair(0));
         Some((Path::new(pixel, random, ray.origin), ray))
+    }
+
+    /// A path and its ray before its first hit is shaded, if further shadow rays leave from there.
+    #[inline(always)]
+    pub(super) fn first_hit(&self, path: &Path, ray: &Ray) -> Option<(Path, Ray)> {
+        (self.first_shadow_rays > 1 && path.vertex == 0).then_some((*path, *ray))
+    }
+
+    /// The further shadow rays of a first hit. Each is drawn like the one of its shading, which is repeated
+    /// with other random numbers.
+    #[inline(always)]
+    pub(super) fn further_shadows(
+        &self,
+        first: Option<(Path, Ray)>,
+        hit: &Hit,
+    ) -> impl Iterator<Item = Shadow> {
+        first.into_iter().flat_map(move |(path, ray)| {
+            (1..self.first_shadow_rays).filter_map(move |number| self.further_shadow(path, ray, hit, number))
+        })
+    }
+
+    #[inline(never)]
+    fn further_shadow(&self, mut path: Path, mut ray: Ray, hit: &Hit, number: u16) -> Option<Shadow> {
+        path.vertex = FURTHER + number;
+        let (random, vertex) = (path.random, path.vertex);
+        let (mut emitted, mut shadow) = (Vec3::ZERO, Shadow::BLANK);
+        let shade = self.kernel.vertex;
+        let next = shade(self.prepared, &self.tracing, &mut path, &mut ray, hit, &mut emitted, &mut shadow);
+        (next.shadow && self.keeps_shadow(random, vertex, &mut shadow)).then_some(shadow)
+    }
+
+    /// Decides about a shadow ray of a vertex, and lets it bring its share of the light, more if it stays
+    /// by chance.
+    #[inline(always)]
+    pub(super) fn keeps_shadow(&self, random: PathRandom, vertex: u16, shadow: &mut Shadow) -> bool {
+        if self.first_shadow_rays > 1 && (vertex == 0 || vertex >= FURTHER) {
+            shadow.light *= 1.0 / f32::from(self.first_shadow_rays);
+        }
+        self.roulette.keeps_shadow(random, vertex, shadow)
     }
 
     /// Whether for rays of a stage, counted from the camera's as 0, it is enough to know that they meet

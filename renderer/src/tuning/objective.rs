@@ -208,8 +208,7 @@ pub fn study_id(objective: Objective, space: &TuningSpace) -> String {
 /// `full-3`: studies with the former ones stay what they are.
 pub fn space_in_ids(space: &TuningSpace) -> String {
     let number = match space.preset() {
-        Preset::Full => "-3",
-        Preset::Light => "-2",
+        Preset::Full | Preset::Light => "-3",
         Preset::Paper | Preset::Follow => "",
     };
     space.name() + number
@@ -237,8 +236,9 @@ mod tests {
             (
                 Objective::Error,
                 Preset::Light,
-                "error-light-lamps-sun-sky-shared-2",
-                "candidates lamps lamp_weight sun_share sky shares sky_share shadow_roulette path_roulette",
+                "error-light-lamps-sun-sky-shared-3",
+                "candidates lamps lamp_weight sun_share sky shares sky_share first_shadow_rays shadow_roulette \
+                 path_roulette",
             ),
             (Objective::Motion, Preset::Follow, "motion-follow", "tree period repair_above"),
         ] {
