@@ -42,6 +42,8 @@ pub struct Question {
     /// The revision of the space that the program works with, [`crate::StudyRecord::space_revision`] of the
     /// study that it created or found; 0 for the study's present one.
     pub space_revision: u32,
+    /// The configuration that the program runs by default, where that is not the study's default.
+    pub start: Option<Configuration>,
 }
 
 impl Client {
@@ -65,6 +67,7 @@ impl Client {
             reports_waiting: core.outbox.queued(),
             fidelities: question.fidelities,
             space_revision: question.space_revision,
+            start: question.start.as_ref().map(|start| configuration_to_wire(start.as_raw())),
         };
         let mut rpc = core.rpc();
         let trial = core.admin("Suggest", rpc.suggest(request)).await?;
@@ -143,6 +146,7 @@ impl Client {
             indicators: trial.indicators.0,
             fingerprint: trial.fingerprint.as_ref().map(fingerprint_to_wire),
             space_revision: 0,
+            start: None,
         };
         let mut rpc = self.core.rpc();
         match self.core.admin("GetBest", rpc.get_best(request)).await {

@@ -301,14 +301,14 @@ impl Client {
     ///
     /// Errors: [`ClientError::Refused`], [`ClientError::Away`], [`ClientError::Late`].
     pub async fn predict(&self, study: &str, indicators: &Indicators) -> Result<Prediction, ClientError> {
-        self.core.predict(&study_name(study), indicators, 0).await
+        self.core.predict(&study_name(study), indicators, (0, None)).await
     }
 
     /// See [`Study::best`].
     ///
     /// Errors: [`ClientError::Refused`], [`ClientError::Away`], [`ClientError::Late`].
     pub async fn best(&self, study: &str, indicators: &Indicators) -> Result<Best, ClientError> {
-        self.core.best(&study_name(study), indicators, 0).await
+        self.core.best(&study_name(study), indicators, (0, None)).await
     }
 }
 
@@ -389,13 +389,14 @@ impl Core {
         &self,
         study: &str,
         indicators: &Indicators,
-        space_revision: u32,
+        (space_revision, start): (u32, Option<v1::Configuration>),
     ) -> Result<Prediction, ClientError> {
         let request = v1::PredictRequest {
             study: study.to_owned(),
             indicators: indicators.0.clone(),
             fingerprint: Some(fingerprint_to_wire(&self.options.fingerprint)),
             space_revision,
+            start,
         };
         let rpc = || {
             let (mut rpc, request) = (self.rpc(), request.clone());
@@ -409,13 +410,14 @@ impl Core {
         &self,
         study: &str,
         indicators: &Indicators,
-        space_revision: u32,
+        (space_revision, start): (u32, Option<v1::Configuration>),
     ) -> Result<Best, ClientError> {
         let request = v1::GetBestRequest {
             study: study.to_owned(),
             indicators: indicators.0.clone(),
             fingerprint: Some(fingerprint_to_wire(&self.options.fingerprint)),
             space_revision,
+            start,
         };
         let rpc = || {
             let (mut rpc, request) = (self.rpc(), request.clone());

@@ -161,6 +161,7 @@ impl Shared {
             reports_waiting: self.context.core.outbox.queued(),
             fidelities: self.context.core.options.fidelities,
             space_revision: self.context.revision(),
+            start: self.context.start_to_wire(),
         }
     }
 

@@ -80,6 +80,21 @@ impl Study {
         Ok(())
     }
 
+    /// Sets the configuration that this program runs by default, where that is not the study's default;
+    /// `None` for that. It goes along with every question of this study's handles. It is measured first in a
+    /// state, and answers there are what is better than it; their gains are told over it. Without the daemon
+    /// it takes the place of the study's default. For other clients it is a configuration like any.
+    ///
+    /// Errors: [`ClientError::Invalid`] for a configuration that does not fit the study's space.
+    pub fn set_start(&self, start: Option<&Configuration>) -> Result<(), ClientError> {
+        if let Some(start) = start {
+            let checked = self.spec().space.configuration(start.as_raw().clone());
+            checked.map_err(|problem| ClientError::invalid("start", problem.to_string()))?;
+        }
+        self.shared.context.set_start(start.cloned());
+        Ok(())
+    }
+
     /// The fields of the policy given to [`crate::Client::study`] that differ from the stored policy, which
     /// stays as it is. Empty until the daemon has answered.
     #[must_use]
@@ -167,7 +182,7 @@ impl Study {
     pub async fn predict(&self, indicators: &Indicators) -> Result<Prediction, ClientError> {
         checks::state(self.spec(), indicators)?;
         let context = &self.shared.context;
-        context.core.predict(&context.asked_name(), indicators, context.revision()).await
+        context.core.predict(&context.asked_name(), indicators, context.asked_by()).await
     }
 
     /// The best configuration of the state with these indicators, or of all states when there are none.
@@ -179,7 +194,7 @@ impl Study {
             checks::state(self.spec(), indicators)?;
         }
         let context = &self.shared.context;
-        context.core.best(&context.asked_name(), indicators, context.revision()).await
+        context.core.best(&context.asked_name(), indicators, context.asked_by()).await
     }
 
     /// The study as the daemon has stored it.

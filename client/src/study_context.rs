@@ -4,6 +4,9 @@
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
+use treewright_proto::convert::configuration_to_wire;
+use treewright_proto::v1;
+
 use crate::core::Core;
 use crate::memory::RememberedConfigurations;
 use crate::prepared::SetUps;
@@ -20,6 +23,8 @@ pub(crate) struct StudyContext {
     /// The revision of the space of `spec`; 0 until the daemon has sent it.
     revision: AtomicU32,
     memory: Mutex<RememberedConfigurations>,
+    /// What the program runs by default, where that is not the study's default.
+    start: Mutex<Option<Configuration>>,
     pub(crate) set_ups: Arc<SetUps>,
 }
 
@@ -27,17 +32,20 @@ impl StudyContext {
     pub(crate) fn new(core: &Arc<Core>, name: &str, spec: StudySpec) -> Self {
         let name: Arc<str> = Arc::from(name);
         let identified = Mutex::new(Arc::clone(&name));
-        let (revision, memory) = <_>::default();
+        let (revision, memory, start) = <_>::default();
         let set_ups = core.set_ups(&name);
-        Self { core: Arc::clone(core), name, identified, spec, revision, memory, set_ups }
+        Self { core: Arc::clone(core), name, identified, spec, revision, memory, start, set_ups }
     }
 
     /// The same study for another client. A lock that another thread held when the process was forked stays
-    /// locked: the study then goes by its name alone.
+    /// locked: the study then goes by its name alone, or begins with its own default.
     pub(crate) fn again(&self, core: &Arc<Core>) -> Self {
         let mut again = Self::new(core, &self.name, self.spec.clone());
         if let Ok(identified) = self.identified.try_lock() {
             again.identified = Mutex::new(Arc::clone(&identified));
+        }
+        if let Ok(start) = self.start.try_lock() {
+            again.start = Mutex::new(start.clone());
         }
         again.revision = AtomicU32::new(self.revision());
         again
@@ -58,6 +66,26 @@ impl StudyContext {
         self.revision.store(record.space_revision, Ordering::Relaxed);
         let mut identified = self.identified.lock().unwrap_or_else(PoisonError::into_inner);
         *identified = Arc::from(record.identified_name());
+    }
+
+    /// Sets what the program runs by default; `None` for the study's default.
+    pub(crate) fn set_start(&self, start: Option<Configuration>) {
+        *self.start.lock().unwrap_or_else(PoisonError::into_inner) = start;
+    }
+
+    /// What the program runs by default, where that is not the study's default.
+    pub(crate) fn start(&self) -> Option<Configuration> {
+        self.start.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    /// The same, as requests have it.
+    pub(crate) fn start_to_wire(&self) -> Option<v1::Configuration> {
+        self.start().map(|start| configuration_to_wire(start.as_raw()))
+    }
+
+    /// The revision of the space and the start, which go along with questions that only read.
+    pub(crate) fn asked_by(&self) -> (u32, Option<v1::Configuration>) {
+        (self.revision(), self.start_to_wire())
     }
 
     /// What to run in a state while the daemon is away; `None` where only the defaults are left.

@@ -80,7 +80,8 @@ impl Suggestion {
             Some(_) => (Source::LastGood, Mode::Exploit),
             None => (Source::Default, Mode::Default),
         };
-        let configuration = last_good.unwrap_or_else(|| study.spec.space.default_configuration().into());
+        let default = || study.start().unwrap_or_else(|| study.spec.space.default_configuration().into());
+        let configuration = last_good.unwrap_or_else(default);
         let what = match source {
             Source::LastGood => "the last good configuration",
             Source::Daemon | Source::Default => "the recommended values",

@@ -167,6 +167,7 @@ fn suggest(wanted: Option<wire::Configuration>) -> wire::SuggestRequest {
         reports_waiting: 3,
         fidelities: false,
         space_revision: 1,
+        start: None,
     }
 }
 

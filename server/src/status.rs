@@ -53,6 +53,7 @@ fn tuner_code(error: &TunerError) -> Code {
         TunerError::ClientId
         | TunerError::Indicators(_)
         | TunerError::Wanted(_)
+        | TunerError::Start(_)
         | TunerError::Fingerprint
         | TunerError::TooManyMeasurements(_)
         | TunerError::MeasurementName(_)

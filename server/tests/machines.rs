@@ -61,7 +61,7 @@ async fn a_new_machine_starts_from_its_group_and_new_software_from_the_fleet() {
     });
     for (fingerprint, factor) in [(own, 4.0), (None, 1.0)] {
         let (study, indicators) = ("studies/hall".to_owned(), ask("second", 10.0).indicators);
-        let question = wire::GetBestRequest { study, indicators, fingerprint, space_revision: 0 };
+        let question = wire::GetBestRequest { study, indicators, fingerprint, ..Default::default() };
         let answer = client.get_best(question).await.expect("measured").into_inner();
         assert!((answer.cost - factor * best).abs() < 1e-9, "{answer:?}");
     }

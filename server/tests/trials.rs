@@ -211,6 +211,45 @@ async fn predictions_and_the_best_rest_on_reports() {
 }
 
 #[tokio::test]
+async fn a_client_begins_with_its_own_default() {
+    let (_server, mut client) = Server::with_hall().await;
+    let start = Some(common::configuration(16, "high"));
+    let ask_from = |start| wire::SuggestRequest { start, ..ask("a", 10.0) };
+    for frame in 0..4 {
+        let trial = client.suggest(ask_from(start.clone())).await.unwrap().into_inner();
+        let is_start = trial.configuration == start;
+        if frame == 0 {
+            assert!(is_start && trial.mode() == wire::Mode::Default, "{trial:?}");
+        }
+        done(&mut client, &trial.name, if is_start { 7.0 } else { 9.0 }).await;
+    }
+    let best = |start| wire::GetBestRequest {
+        study: "studies/hall".to_owned(),
+        indicators: triangles(10.0),
+        start,
+        ..Default::default()
+    };
+    let own = client.get_best(best(start.clone())).await.unwrap().into_inner();
+    assert_eq!((own.default_cost, &own.configuration), (Some(7.0), &start));
+    assert!(own.standing.is_some_and(|standing| standing.nothing_better), "nothing is better than it");
+    let plain = client.get_best(best(None)).await.unwrap().into_inner();
+    assert_eq!(plain.default_cost, Some(9.0), "others are told of the study's default");
+    let predict = |start| wire::PredictRequest {
+        study: "studies/hall".to_owned(),
+        indicators: triangles(10.0),
+        start,
+        ..Default::default()
+    };
+    let predicted = client.predict(predict(start.clone())).await.unwrap().into_inner();
+    assert_eq!(predicted.configuration, start);
+
+    let outside = Some(common::configuration(99, "low"));
+    assert_refused(client.suggest(ask_from(outside.clone())).await, Code::InvalidArgument, "start");
+    assert_refused(client.predict(predict(outside.clone())).await, Code::InvalidArgument, "start");
+    assert_refused(client.get_best(best(outside)).await, Code::InvalidArgument, "start");
+}
+
+#[tokio::test]
 async fn trials_are_queried_page_by_page() {
     let (_server, mut client) = Server::with_hall().await;
     for render_ms in [5.0, 3.0, 8.0, 1.0, 9.0] {

@@ -211,6 +211,11 @@ impl Study {
         self.here()?.set_session_policy(policy)
     }
 
+    /// See [`crate::Study::set_start`]. Errors: as there.
+    pub fn set_start(&self, start: Option<&Configuration>) -> Result<(), ClientError> {
+        self.here()?.set_start(start)
+    }
+
     /// See [`crate::Study::policy_differs`].
     #[must_use]
     pub fn policy_differs(&self) -> Vec<String> {

@@ -6,6 +6,7 @@ use tonic::Code;
 use treewright_client::{
     Client, ClientError, Configuration, Indicators, Mode, Outcome, Side, Source, Space, Status, StudySpec,
 };
+use treewright_proto::convert::configuration_to_wire;
 use treewright_proto::v1::TrialState;
 
 use crate::support::{Fake, Hold, from_the_daemon, hasty, measured, patient, spec, state, until};
@@ -50,6 +51,24 @@ async fn a_program_measures_what_it_wants() {
     fake.book().refuse.insert("Suggest", Code::InvalidArgument);
     assert!(matches!(study.trial_of(&state(3), &wanted).await, Err(ClientError::Refused { .. })));
     assert_eq!(client.stats().fallbacks, 0, "there is nothing to fall back on");
+}
+
+#[tokio::test]
+async fn a_program_begins_with_its_own_default_also_without_the_daemon() {
+    let (fake, _client, study) = Fake::with_study().await;
+    let some = Configuration::new().with("max_depth", 17);
+    let own = Configuration::from(study.spec().space.complete(&some).unwrap());
+    study.set_start(Some(&own)).unwrap();
+    drop(study.suggest(&state(3)).await);
+    let sent = fake.book().starts.clone();
+    assert_eq!(sent, [Some(configuration_to_wire(own.as_raw()))]);
+    fake.book().refuse.insert("Suggest", Code::InvalidArgument);
+    let fallback = study.suggest(&state(5)).await;
+    assert_eq!((fallback.source(), fallback.configuration()), (Source::Default, &own));
+    study.set_start(None).unwrap();
+    assert_eq!(study.suggest(&state(5)).await.configuration().integer("max_depth").unwrap(), 32);
+    let outside = Configuration::new().with("max_depth", 1);
+    assert!(matches!(study.set_start(Some(&outside)), Err(ClientError::Invalid { .. })));
 }
 
 #[tokio::test]

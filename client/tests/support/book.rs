@@ -37,6 +37,8 @@ pub struct Book {
     pub abort_above: Option<f64>,
     /// The revisions of the space that questions for trials named, one after the other.
     pub revisions: Vec<u32>,
+    /// The starts that questions for trials named, one after the other.
+    pub starts: Vec<Option<v1::Configuration>>,
     /// The number of next questions about the study that meet a daemon that is still loading it.
     pub loading: usize,
 }
@@ -93,6 +95,7 @@ impl Book {
 
     pub fn suggest(&mut self, request: v1::SuggestRequest) -> Result<v1::Trial, Status> {
         self.revisions.push(request.space_revision);
+        self.starts.push(request.start.clone());
         let wanted = request.wanted.is_some();
         let drawn = configuration(self.study(&request.study)?, self.trials.len());
         let configuration = request.wanted.unwrap_or(drawn);

@@ -227,7 +227,7 @@ fn predict(book: &mut Book, request: v1::PredictRequest) -> Result<v1::PredictRe
         return Ok(predicted);
     }
     let v1::PredictRequest { study, indicators, fingerprint, .. } = request;
-    let best = book.best(&v1::GetBestRequest { study, indicators, fingerprint, space_revision: 0 })?;
+    let best = book.best(&v1::GetBestRequest { study, indicators, fingerprint, ..Default::default() })?;
     let reason = v1::Reason {
         summary: "The nearest known state is 0.25 away.".into(),
         source: "nearest_neighbour".into(),

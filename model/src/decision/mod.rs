@@ -100,6 +100,8 @@ pub enum ExploredPoint {
     Baseline(SearchMethod),
     /// The default configuration, by which a machine is compared with others.
     BaselineOfMachine,
+    /// The client's own default where that is not the study's: its start.
+    Start,
     /// A point of the state's search.
     Search {
         /// The search of the policy.
@@ -372,7 +374,7 @@ impl Decision {
             Choice::Pinned | Choice::Wanted => Mode::Pinned,
             Choice::Shadow { .. } => Mode::Default,
             Choice::Explore(Explore {
-                point: ExploredPoint::Baseline(_) | ExploredPoint::BaselineOfMachine,
+                point: ExploredPoint::Baseline(_) | ExploredPoint::BaselineOfMachine | ExploredPoint::Start,
                 ..
             }) => Mode::Default,
             Choice::Explore(Explore { point: ExploredPoint::Incumbent { is_default, .. }, .. }) => {
@@ -441,10 +443,21 @@ impl Decision {
         }
     }
 
-    /// Whether its configuration was taken over from other machines, or its result was carried over from
-    /// elsewhere.
+    /// Whether the start of a client is measured, so that its other answers can be told beside it.
+    pub fn measures_start(&self) -> bool {
+        matches!(&self.choice, Choice::Explore(Explore { point: ExploredPoint::Start, .. }))
+    }
+
+    /// Whether no search asked for it: it was carried over, ran in an earlier space, or measures a start.
+    pub fn is_unasked(&self) -> bool {
+        self.origin.is_some() || self.adopted.is_some() || self.measures_start()
+    }
+
+    /// Whether its configuration was taken over from other machines or is its client's start, or its result
+    /// was carried over from elsewhere: the state's search did not ask for it.
     pub fn is_from_elsewhere(&self) -> bool {
         self.origin.is_some()
+            || self.measures_start()
             || matches!(&self.choice, Choice::Explore(Explore { point: ExploredPoint::ByMachines(_), .. }))
     }
 

@@ -17,6 +17,7 @@ pub(super) const PINNED: &str = "pinned";
 pub(super) const WANTED: &str = "wanted";
 pub(super) const SHADOW: &str = "shadow";
 pub(super) const DEFAULT: &str = "default";
+pub(super) const START: &str = "start";
 pub(super) const BEST_KNOWN: &str = "best_known";
 pub(super) const PORTFOLIO: &str = "portfolio";
 pub(super) const RANDOM: &str = "random";
@@ -47,6 +48,7 @@ fn source(choice: &Choice) -> (&'static str, &'static str) {
         Choice::Explore(Explore { point, .. }) => match point {
             ExploredPoint::Baseline(search) => (search.name(), Step::Default.word()),
             ExploredPoint::BaselineOfMachine => (DEFAULT, Step::Default.word()),
+            ExploredPoint::Start => (START, Step::Default.word()),
             ExploredPoint::Search { search, step, .. } => (search.name(), step.word()),
             ExploredPoint::Proposal(predicted) => (predicted.predictor.name(), Step::Model.word()),
             ExploredPoint::ByMachines(by) => (by.level.word(), TRANSFER),
@@ -74,6 +76,7 @@ fn neighbours(choice: &Choice) -> Vec<Neighbour> {
             ExploredPoint::ByMachines(by) => by.neighbours.clone(),
             ExploredPoint::Baseline(_)
             | ExploredPoint::BaselineOfMachine
+            | ExploredPoint::Start
             | ExploredPoint::Random
             | ExploredPoint::Confirming { .. }
             | ExploredPoint::Incumbent { .. } => Vec::new(),
@@ -150,6 +153,9 @@ fn of_point(point: &ExploredPoint) -> String {
         ExploredPoint::Baseline(_) => "The baseline comes first in a state that is explored.".into(),
         ExploredPoint::BaselineOfMachine => {
             "The baseline comes first: by it this machine is compared with the others.".into()
+        }
+        ExploredPoint::Start => {
+            "The client's own default comes first in a state: its answers there are told beside it.".into()
         }
         ExploredPoint::Search { measurements: 0, step: Step::Elsewhere, .. } => {
             "It did well in other states; here it was not measured yet.".into()

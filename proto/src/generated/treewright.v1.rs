@@ -1043,6 +1043,13 @@ pub struct SuggestRequest {
     /// OPTIONAL; 0 or unset means the present one.
     #[prost(uint32, tag = "12")]
     pub space_revision: u32,
+    /// The configuration that the client's program runs by default, where that is not the study's default; sent with every
+    /// request. It is measured first in a state (mode DEFAULT), once the client explores there or anything else was measured.
+    /// From then on its answers are what the measurements of the state show to be better, and their gains are told over it.
+    /// Where nothing better is known it is the answer. For others it is a configuration like any. It must fit the space, as
+    /// `wanted` must. OPTIONAL; unset means the study's default.
+    #[prost(message, optional, tag = "13")]
+    pub start: ::core::option::Option<Configuration>,
 }
 /// What replaces a study's policy for one session of one client. Unset fields are as in the study. Pinned configurations, the
 /// operation and the regret budget are the operator's and cannot be replaced.
@@ -1148,6 +1155,9 @@ pub struct PredictRequest {
     /// known configuration that is, or its default, is answered. OPTIONAL; 0 or unset means the present one.
     #[prost(uint32, tag = "4")]
     pub space_revision: u32,
+    /// The configuration that the client's program runs by default, as for Suggest. OPTIONAL.
+    #[prost(message, optional, tag = "5")]
+    pub start: ::core::option::Option<Configuration>,
 }
 #[derive(Clone, PartialEq, ::prost::Message)]
 pub struct PredictResponse {
@@ -1302,6 +1312,10 @@ pub struct GetBestRequest {
     /// 0 or unset means the present one.
     #[prost(uint32, tag = "4")]
     pub space_revision: u32,
+    /// The configuration that the client's program runs by default, as for Suggest. If it was measured in the state, the best
+    /// is what is better, and `default_cost` and `standing` are told beside it, not beside the study's default. OPTIONAL.
+    #[prost(message, optional, tag = "5")]
+    pub start: ::core::option::Option<Configuration>,
 }
 /// By how much the cost of one configuration lies below that of another.
 #[derive(Clone, Copy, PartialEq, ::prost::Message)]
@@ -1334,7 +1348,7 @@ pub struct Confirmation {
     #[prost(int64, tag = "4")]
     pub measurements: i64,
     /// Of the answer over the default, or over the incumbent where the default did not run, from these rounds alone; its
-    /// interval is valid whenever it is looked at. Unset without a round of both.
+    /// interval is valid whenever it is looked at. Unset without a round of both. For a client with a start it is over that.
     #[prost(message, optional, tag = "5")]
     pub gain: ::core::option::Option<Gain>,
 }
@@ -1348,7 +1362,8 @@ pub struct Standing {
     pub cost_low: f64,
     #[prost(double, tag = "3")]
     pub cost_high: f64,
-    /// Its gain over the study's default configuration, estimated likewise. Unset if that was not measured in the state.
+    /// Its gain over the study's default configuration, or over the client's start, estimated likewise. Unset if that was not
+    /// measured in the state.
     #[prost(message, optional, tag = "4")]
     pub gain: ::core::option::Option<Gain>,
     /// The incumbent is the answer. While the state is searched, another configuration takes its place once at least twenty

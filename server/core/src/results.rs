@@ -143,7 +143,7 @@ pub struct ResultTable {
     /// The speeds of the clients' machines.
     #[serde(default)]
     pace: Pace,
-    /// Some of its results were measured elsewhere, or in an earlier space, and carried over.
+    /// Some of its results were carried over, ran in an earlier space, or are of clients' starts.
     #[serde(default)]
     is_carried_over: bool,
     /// Tried configurations that were forgotten, where the space has few.
@@ -169,7 +169,7 @@ impl ResultTable {
         self.records[index].touch = self.touches;
         self.latest = trial.completion.unwrap_or(self.latest);
         self.runs += u64::from(trial.decision.is_run_of_search());
-        self.is_carried_over |= trial.decision.origin.is_some() || trial.decision.adopted.is_some();
+        self.is_carried_over |= trial.decision.is_unasked();
         if let (Outcome::Ok, Some(cost)) = (outcome, trial.cost) {
             self.note_repeat(index, cost, moment(trial));
         }
@@ -419,7 +419,7 @@ impl ResultTable {
         &self.records
     }
 
-    /// Whether some results were measured elsewhere or in an earlier space, so that no search asked for them.
+    /// Whether some results are such that no search of the state asked for them.
     pub fn is_carried_over(&self) -> bool {
         self.is_carried_over
     }

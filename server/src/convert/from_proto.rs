@@ -124,10 +124,19 @@ pub fn suggest(request: v1::SuggestRequest) -> Result<Suggest, Error> {
             session_policy: session_policy(request.session_policy)?,
             origin: origin(request.origin, request.wanted.is_some())?,
             fidelities: request.fidelities,
+            start: start(request.start)?,
         },
         wanted: request.wanted.map(|wanted| configuration_from_wire("wanted", wanted)).transpose()?,
         space_revision: request.space_revision,
     })
+}
+
+/// Reads the configuration that a client runs by default.
+///
+/// # Errors
+/// [`Error::Invalid`] with the field.
+pub fn start(wire: Option<v1::Configuration>) -> Result<Option<RawConfiguration>, Error> {
+    wire.map(|start| configuration_from_wire("start", start)).transpose().map_err(Error::from)
 }
 
 /// The place where a wanted configuration was measured before.

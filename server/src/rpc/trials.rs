@@ -60,7 +60,8 @@ pub(crate) async fn predict(
     let study = reach::study(tuning, caller, "study", &request.study).await?;
     let fingerprint = request.fingerprint.map(fingerprint_from_wire).transpose()?;
     let (indicators, revision) = (&request.indicators, request.space_revision);
-    let prediction = tuning.predict(&study, indicators, fingerprint.as_ref(), revision).await?;
+    let (fingerprint, start) = (fingerprint.as_ref(), from_proto::start(request.start)?);
+    let prediction = tuning.predict(&study, indicators, fingerprint, start.as_ref(), revision).await?;
     Ok(to_proto::prediction(&prediction))
 }
 
@@ -162,7 +163,8 @@ pub(crate) async fn best(
     let study = reach::study(tuning, caller, "study", &request.study).await?;
     let indicators = Some(&request.indicators).filter(|given| !given.is_empty());
     let fingerprint = request.fingerprint.map(fingerprint_from_wire).transpose()?;
-    let revision = request.space_revision;
-    let (best, is_best) = tuning.best(&study, indicators, fingerprint.as_ref(), revision).await?;
+    let (fingerprint, revision) = (fingerprint.as_ref(), request.space_revision);
+    let start = from_proto::start(request.start)?;
+    let (best, is_best) = tuning.best(&study, indicators, fingerprint, start.as_ref(), revision).await?;
     Ok(to_proto::best(&study, &best, is_best))
 }

@@ -430,8 +430,8 @@ mod tests {
         let trial = TrialName { study: study.clone(), number };
         let refused = [
             tuning.suggest(suggest).await.err(),
-            tuning.predict(&study, &indicators, None, 0).await.err(),
-            tuning.best(&study, None, None, 0).await.err(),
+            tuning.predict(&study, &indicators, None, None, 0).await.err(),
+            tuning.best(&study, None, None, None, 0).await.err(),
             tuning.get_trial(&trial).await.err(),
         ];
         for error in refused {

@@ -257,14 +257,14 @@ mod tests {
         let places = tuning.planning_permits.acquire_many(all).await.expect("never closed");
         assert_eq!(suggest(&tuning, "two").await.mode(), Mode::Explore, "a guess near the best");
         let predicted = tuning
-            .predict(&"hall".into(), &[("x".to_owned(), 0.9)].into(), None, 0)
+            .predict(&"hall".into(), &[("x".to_owned(), 0.9)].into(), None, None, 0)
             .await
             .expect("an answer");
         assert_eq!(predicted.reason().source, "default", "nothing was measured there");
         drop(places);
         assert_eq!(suggest(&tuning, "three").await.mode(), Mode::Explore);
         let predicted = tuning
-            .predict(&"hall".into(), &[("x".to_owned(), 0.9)].into(), None, 0)
+            .predict(&"hall".into(), &[("x".to_owned(), 0.9)].into(), None, None, 0)
             .await
             .expect("an answer");
         let source = predicted.reason().source;

@@ -160,7 +160,7 @@ mod tests {
             all.extend(frames(&tuning, many..many + 1).await);
             if thins {
                 let before = tuning.get_study("hall").await.expect("there").statistics;
-                let best = tuning.best(&"hall".into(), None, None, 0).await.expect("something").0;
+                let best = tuning.best(&"hall".into(), None, None, None, 0).await.expect("something").0;
                 tuning.thin_beyond(KEEP, KEEP).await;
                 let left = stored(store, "").await;
                 // And one for each configuration that a state remembers.
@@ -168,7 +168,10 @@ mod tests {
                 assert!(left >= KEEP && stored(store, "state = OPEN").await == 0);
                 let after = tuning.get_study("hall").await.expect("there").statistics;
                 assert_eq!((after.trials, after.completed_trials), (before.trials, before.completed_trials));
-                assert_eq!(tuning.best(&"hall".into(), None, None, 0).await.expect("something").0, best);
+                assert_eq!(
+                    tuning.best(&"hall".into(), None, None, None, 0).await.expect("something").0,
+                    best
+                );
                 let name = crate::convert::names::TrialName { study: "hall".into(), number: best.trial };
                 tuning.get_trial(&name).await.expect("the best is always there");
                 tuning = self::tuning(store).await;
@@ -189,14 +192,14 @@ mod tests {
         before.save_checkpoints().await;
         before.thin_beyond(KEEP, KEEP).await;
         assert!(stored(&store, "").await < many / 2);
-        let best = before.best(&"hall".into(), None, None, 0).await.expect("something").0;
+        let best = before.best(&"hall".into(), None, None, None, 0).await.expect("something").0;
         let counts = before.get_study("hall").await.expect("there").statistics;
 
         let fence = store.load("hall").await.expect("loaded").fence;
         let other = Checkpoint { completion: many, bytes: b"of another version".to_vec() };
         store.save_checkpoint(&fence, &other).await.expect("saved");
         let after = tuning(&store).await;
-        let again = after.best(&"hall".into(), None, None, 0).await.expect("something").0;
+        let again = after.best(&"hall".into(), None, None, None, 0).await.expect("something").0;
         assert_eq!((again.configuration, again.cost), (best.configuration, best.cost));
         assert_eq!(after.get_study("hall").await.expect("there").statistics, counts);
         let next = frames(&after, many..many + 1).await;

@@ -7,7 +7,7 @@
 use std::sync::Arc;
 
 use prost::Message as _;
-use treewright_core::configuration::Configuration;
+use treewright_core::configuration::{Configuration, RawConfiguration};
 use treewright_core::decision::Decision;
 use treewright_core::policy::Policy;
 use treewright_core::space::{EarlierSpaces, SpaceError};
@@ -181,6 +181,7 @@ impl Live {
         now_ms: i64,
     ) -> Result<Result<(Trial, Change), TunerError>, Preparation> {
         let mut suggest = suggest.clone();
+        suggest.ask.start = self.start_of(revision, suggest.ask.start.take());
         if let Some(wanted) = suggest.wanted.take() {
             match self.earlier.adopt(revision, wanted, &self.tuner.spec().space) {
                 // A client that gets another configuration than it wants would take it for that.
@@ -226,6 +227,25 @@ impl Live {
             let configuration = configuration.inspect_err(|_| self.fence().break_up())?;
             Ok((Trial { configuration, ..trial }, change))
         }))
+    }
+
+    /// The start of a client with an earlier revision of the space, in the present one; `None` where it is
+    /// not in both.
+    fn start_of(&self, revision: u32, start: Option<RawConfiguration>) -> Option<RawConfiguration> {
+        let start = self.earlier.adopt(revision, start?, &self.tuner.spec().space)?;
+        self.expressed(revision, &start).is_some().then(|| start.into())
+    }
+
+    /// The start of a client with any revision of the space, in the present one.
+    pub(super) fn present_start(
+        &self,
+        revision: u32,
+        start: Option<RawConfiguration>,
+    ) -> Option<RawConfiguration> {
+        match self.outdated(revision) {
+            Some(revision) => self.start_of(revision, start),
+            None => start,
+        }
     }
 
     /// A prediction as a client with a revision of the space can run it.

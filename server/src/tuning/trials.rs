@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use treewright_core::configuration::RawConfiguration;
 use treewright_core::trial::{Fingerprint, RawTrial, Trial, TrialState};
 use treewright_core::tuner::{Best, Prediction, SuggestionPlan, TunerError};
 use treewright_store::{Receipt, TrialPage, TrialQuery};
@@ -131,8 +132,8 @@ impl Tuning {
         Ok(page)
     }
 
-    /// The prediction, for a client that knows a revision of the space, 0 for the present one. Writes nothing
-    /// and waits for nothing.
+    /// The prediction, for a client that knows a revision of the space, 0 for the present one, and runs its
+    /// start by default. Writes nothing and waits for nothing.
     ///
     /// # Errors
     /// As the wire contract names them.
@@ -141,20 +142,22 @@ impl Tuning {
         study: &StudyName,
         indicators: &BTreeMap<String, f64>,
         fingerprint: Option<&Fingerprint>,
+        start: Option<&RawConfiguration>,
         space_revision: u32,
     ) -> Result<Prediction, Error> {
         self.with_plan(&study.id, None, |live, _, prepared, _| {
             if let Err(another) = live.is_meant(study) {
                 return Ok(Err(another));
             }
+            let start = live.present_start(space_revision, start.cloned());
             let plan = match prepared.plan {
                 Some(plan) => plan,
-                None => match live.tuner.plan_prediction(indicators, fingerprint) {
+                None => match live.tuner.plan_prediction(indicators, fingerprint, start.as_ref()) {
                     Some(request) => return Err(live.preparation(request, prepared.is_updated)),
                     None => SuggestionPlan::default(),
                 },
             };
-            let predicted = live.tuner.predict_planned(indicators, fingerprint, plan);
+            let predicted = live.tuner.predict_planned(indicators, fingerprint, start.as_ref(), plan);
             let predicted = predicted.and_then(|prediction| live.in_revision(space_revision, prediction));
             Ok(predicted.map_err(Error::from))
         })
@@ -162,7 +165,7 @@ impl Tuning {
     }
 
     /// The best known configuration, in the state of the indicators or anywhere, for a client that knows a
-    /// revision of the space, 0 for the present one; and whether it is that, and not in place of one that the
+    /// revision of the space, 0 for the present one, and runs its start by default; and whether it is that, and not in place of one that the
     /// client does not know. The trials behind it are stored.
     ///
     /// # Errors
@@ -172,6 +175,7 @@ impl Tuning {
         study: &StudyName,
         indicators: Option<&BTreeMap<String, f64>>,
         fingerprint: Option<&Fingerprint>,
+        start: Option<&RawConfiguration>,
         space_revision: u32,
     ) -> Result<(Best, bool), Error> {
         let (best, receipt) = self
@@ -179,14 +183,15 @@ impl Tuning {
                 if let Err(another) = live.is_meant(study) {
                     return Ok(Err(another));
                 }
+                let start = live.present_start(space_revision, start.cloned());
                 let plan = match prepared.plan {
                     Some(plan) => plan,
-                    None => match live.tuner.plan_best(indicators, fingerprint) {
+                    None => match live.tuner.plan_best(indicators, fingerprint, start.as_ref()) {
                         Some(request) => return Err(live.preparation(request, prepared.is_updated)),
                         None => SuggestionPlan::default(),
                     },
                 };
-                let best = live.tuner.best_planned(indicators, fingerprint, plan);
+                let best = live.tuner.best_planned(indicators, fingerprint, start.as_ref(), plan);
                 let is_measured = |best: &Best| best.cost.is_finite() && best.measurements > 0;
                 debug_assert!(best.iter().flatten().all(is_measured), "{best:?} was never measured");
                 let in_revision = |best| live.best_in_revision(space_revision, best);

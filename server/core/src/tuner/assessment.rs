@@ -49,6 +49,8 @@ pub struct AssessmentRequest {
     pub(super) confirmed: Option<Configuration>,
     /// The verdict stands: the incumbent is the answer.
     pub(super) is_settled: bool,
+    /// A client's start, which takes the place of the default and of the incumbent.
+    pub(super) start: Option<Configuration>,
 }
 
 /// The assessment of a state's configurations.
@@ -58,6 +60,8 @@ pub struct Assessment {
     version: u64,
     confirmed: Option<Configuration>,
     is_settled: bool,
+    /// The start in the place of the default; `None` for the default itself.
+    pub(super) start: Option<Configuration>,
     /// The configuration to exploit.
     pub(super) answer: Configuration,
     /// The configuration with the least expected cost among those that are better than the incumbent with a
@@ -103,11 +107,12 @@ impl AssessmentRequest {
         assessment.version == self.results.version()
             && assessment.confirmed == self.confirmed
             && assessment.is_settled == self.is_settled
+            && assessment.start == self.start
     }
 
     /// Makes the assessment. `None` where nothing that can be run was measured.
     pub fn compute(&self) -> Option<Assessment> {
-        let default = self.spec.space.default_ref();
+        let default = self.start.as_ref().unwrap_or(self.spec.space.default_ref());
         let incumbent = self.confirmed.as_ref().unwrap_or(default);
         let records = self.results.spread(ASSESSED_MAX / 2, ASSESSED_MAX / 2 - 2, &[default, incumbent]);
         let layout = Layout::of(&self.spec.space);
@@ -149,6 +154,7 @@ impl AssessmentRequest {
             version: self.results.version(),
             confirmed: self.confirmed.clone(),
             is_settled: self.is_settled,
+            start: self.start.clone(),
             answer: records[answer].configuration.clone(),
             probable: probable.map(|probable| records[probable].configuration.clone()),
             cost: cost(means[answer]),
@@ -285,26 +291,27 @@ fn sample(
     ConfigurationSample { features, measurements, weight: 1.0 }
 }
 
-/// The last assessments of the states that were assessed last. Each can be computed again.
+/// The last assessments of the states that were assessed last, each beside the default or a start. Each can
+/// be computed again.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Assessments {
-    made: BTreeMap<StateId, (u64, Arc<Assessment>)>,
+    made: BTreeMap<(StateId, Option<Configuration>), (u64, Arc<Assessment>)>,
     clock: u64,
 }
 
 impl Assessments {
-    /// The last assessment of a state, which may be out of date.
-    pub(super) fn of(&self, state: StateId) -> Option<&Arc<Assessment>> {
-        self.made.get(&state).map(|(_, assessment)| assessment)
+    /// The last assessment of a state, beside the default or a start, which may be out of date.
+    pub(super) fn of(&self, state: StateId, start: Option<&Configuration>) -> Option<&Arc<Assessment>> {
+        self.made.get(&(state, start.cloned())).map(|(_, assessment)| assessment)
     }
 
     /// Keeps an assessment, and forgets the oldest of too many.
     pub(super) fn keep(&mut self, state: StateId, assessment: Arc<Assessment>) {
         self.clock += 1;
-        self.made.insert(state, (self.clock, assessment));
+        self.made.insert((state, assessment.start.clone()), (self.clock, assessment));
         if self.made.len() > ASSESSMENTS_MAX {
-            let oldest = self.made.iter().min_by_key(|(_, (made, _))| *made).map(|(&state, _)| state);
-            oldest.map(|state| self.made.remove(&state));
+            let oldest = self.made.iter().min_by_key(|(_, (made, _))| *made).map(|(of, _)| of.clone());
+            oldest.map(|of| self.made.remove(&of));
         }
         assert!(self.made.len() <= ASSESSMENTS_MAX, "{} assessments are kept", self.made.len());
     }

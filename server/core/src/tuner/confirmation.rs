@@ -161,6 +161,11 @@ impl Confirming {
         })
     }
 
+    /// Whether a configuration runs in it.
+    fn has(&self, configuration: &Configuration) -> bool {
+        self.contenders.iter().any(|contender| contender.0 == *configuration)
+    }
+
     /// Whether its configurations are of the space.
     pub(super) fn fits(&self, space: &Space) -> bool {
         self.contenders.iter().all(|contender| space.owns(&contender.0))
@@ -187,11 +192,11 @@ pub(super) enum Finding {
 pub(super) struct Answered {
     pub(super) configuration: Configuration,
     pub(super) cost: f64,
-    /// Its gain over the default.
+    /// Its gain over the default, or over the client's start.
     pub(super) gain: Option<Gain>,
     /// The answer is the incumbent, because nothing was shown to be better.
     pub(super) is_incumbent: bool,
-    /// That incumbent is the default.
+    /// That incumbent is the default, or the client's start.
     pub(super) nothing_better: bool,
     /// The most that any configuration may gain over the answer; `None` where there is no time to tell.
     pub(super) gain_at_most: Option<f64>,
@@ -230,39 +235,57 @@ impl Tuner {
             && !self.is_settled(state)
     }
 
-    /// A copy of the inputs of a state's assessment; `None` where no measured configuration can be run.
-    pub(super) fn assessment_request(&self, state: StateId) -> Option<AssessmentRequest> {
+    /// A copy of the inputs of a state's assessment; `None` where no measured configuration can be run. No
+    /// race was run beside a `start`, so that only measurements count there.
+    pub(super) fn assessment_request(
+        &self,
+        state: StateId,
+        start: Option<&Configuration>,
+    ) -> Option<AssessmentRequest> {
         self.states.results(state).best()?;
         Some(AssessmentRequest {
             state,
             spec: std::sync::Arc::clone(&self.spec),
             results: std::sync::Arc::clone(&self.states[state].results),
-            confirmed: self.confirmed(state).cloned(),
-            is_settled: self.is_settled(state),
+            confirmed: self.confirmed(state).filter(|_| start.is_none()).cloned(),
+            is_settled: start.is_none() && self.is_settled(state),
+            start: start.cloned(),
         })
     }
 
-    /// The request where the assessment has to be made apart before a client asks for it.
-    pub(super) fn assessment_to_plan(&self, state: StateId) -> Option<AssessmentRequest> {
-        let made = self.assessments.of(state);
-        let request = self.assessment_request(state)?;
+    /// The request where the assessment, beside the default or a start that ran there, has to be made apart
+    /// before a client asks for it.
+    pub(super) fn assessment_to_plan(
+        &self,
+        state: StateId,
+        start: Option<&Configuration>,
+    ) -> Option<AssessmentRequest> {
+        let made = self.assessments.of(state, start);
+        let request = self.assessment_request(state, start)?;
         let is_at_hand = request.is_quick() || made.is_some_and(|made| request.is_answered_by(made));
         (!is_at_hand).then_some(request)
     }
 
-    /// The assessment of a state, and whether it is up to date with the table.
-    fn assessment(&self, state: StateId, planned: &Planned) -> Option<(std::sync::Arc<Assessment>, bool)> {
-        self.assessment_within(state, planned.is_at_once())
+    /// The assessment of a state beside the default or a start that ran there, and whether it is up to date
+    /// with the table.
+    fn assessment(
+        &self,
+        state: StateId,
+        start: Option<&Configuration>,
+        planned: &Planned,
+    ) -> Option<(std::sync::Arc<Assessment>, bool)> {
+        self.assessment_within(state, start, planned.is_at_once())
     }
 
     /// [`Tuner::assessment`], which is computed where it is missing and quick, or where it may take long.
     fn assessment_within(
         &self,
         state: StateId,
+        start: Option<&Configuration>,
         may_take_long: bool,
     ) -> Option<(std::sync::Arc<Assessment>, bool)> {
-        let request = self.assessment_request(state)?;
-        let made = self.assessments.of(state);
+        let request = self.assessment_request(state, start)?;
+        let made = self.assessments.of(state, start);
         if let Some(made) = made.filter(|made| request.is_answered_by(made)) {
             return Some((std::sync::Arc::clone(made), true));
         }
@@ -275,19 +298,25 @@ impl Tuner {
     /// The assessment by which a race begins or is settled: one that is up to date, or the one that was made
     /// for this question. Where many clients report from the state, its table changes before that is made.
     fn assessment_of_race(&self, state: StateId, planned: &Planned) -> Option<std::sync::Arc<Assessment>> {
-        let (made, is_current) = self.assessment(state, planned)?;
+        let (made, is_current) = self.assessment(state, None, planned)?;
         let is_fresh = || planned.has_assessed(state) && made.is_beside(self.confirmed(state));
         (is_current || is_fresh()).then_some(made)
     }
 
     /// The answer of a state's own measurements: the verdict where it stands, else the configuration that is
-    /// proven so far.
-    pub(super) fn answered(&self, state: StateId, planned: &Planned) -> Option<Answered> {
-        let results = self.states.results(state);
-        if self.is_settled(state)
+    /// proven so far. Beside a `start` that ran there it is what is better than that.
+    pub(super) fn answered(
+        &self,
+        state: StateId,
+        start: Option<&Configuration>,
+        planned: &Planned,
+    ) -> Option<Answered> {
+        let (results, start) = (self.states.results(state), self.measured_start(state, start));
+        if start.is_none()
+            && self.is_settled(state)
             && let Some(record) = results.ran(self.incumbent(state))
         {
-            let made = self.assessment_within(state, false).map(|(made, _)| made);
+            let made = self.assessment_within(state, None, false).map(|(made, _)| made);
             let made = made.filter(|made| made.answer == record.configuration);
             // An incumbent that other states named has won nothing here.
             let was_won = self.race(state).is_some_and(|race| race.is_challenger(&record.configuration));
@@ -301,7 +330,7 @@ impl Tuner {
                 gain_at_most: made.map(|made| made.gain_at_most),
             });
         }
-        if let Some((made, _)) = self.assessment(state, planned)
+        if let Some((made, _)) = self.assessment(state, start, planned)
             && results.ran(&made.answer).is_some()
         {
             return Some(Answered {
@@ -421,16 +450,23 @@ impl Tuner {
         }
     }
 
-    /// The standing of a state's answer; `None` where no measured configuration can be run.
-    pub(super) fn standing(&self, state: StateId, planned: &Planned) -> Option<Standing> {
-        let answered = self.answered(state, planned)?;
-        let (made, _) = self.assessment(state, planned)?;
+    /// The standing of a state's answer, beside the default or a start that ran there; `None` where no
+    /// measured configuration can be run.
+    pub(super) fn standing(
+        &self,
+        state: StateId,
+        start: Option<&Configuration>,
+        planned: &Planned,
+    ) -> Option<Standing> {
+        let start = self.measured_start(state, start);
+        let answered = self.answered(state, start, planned)?;
+        let (made, _) = self.assessment(state, start, planned)?;
         let is_of_answer = made.answer == answered.configuration;
         let (cost, low, high) = match is_of_answer {
             true => (made.cost, made.cost_low, made.cost_high),
             false => (answered.cost, answered.cost, answered.cost),
         };
-        let confirmation = self.confirmation(state, &answered);
+        let confirmation = self.confirmation(state, start, &answered);
         let by_all = if is_of_answer { made.gain } else { answered.gain };
         let by_rounds = confirmation.gain.filter(|gain| {
             let is_likely = gain.probability_better.is_some_and(|probability| probability >= LIKELY);
@@ -451,8 +487,16 @@ impl Tuner {
         })
     }
 
-    fn confirmation(&self, state: StateId, answered: &Answered) -> Confirmation {
+    fn confirmation(
+        &self,
+        state: StateId,
+        start: Option<&Configuration>,
+        answered: &Answered,
+    ) -> Confirmation {
         let race = self.race(state);
+        let default = start.unwrap_or(self.spec.space.default_ref());
+        // Rounds in which the start did not run say nothing of the gain over it.
+        let beside = race.filter(|race| start.is_none() || race.has(default));
         let stage = match race {
             _ if self.spec.policy.confirm_rounds == 0 => ConfirmationStage::Off,
             Some(_) if self.is_settled(state) && answered.is_incumbent => ConfirmationStage::NothingBetter,
@@ -465,7 +509,7 @@ impl Tuner {
             rounds: race.map_or(0, |race| race.race.rounds(0) as u64),
             rounds_max: race.map_or(u64::from(self.spec.policy.confirm_rounds), |race| race.rounds_max),
             measurements: race.map_or(0, |race| race.race.measurements() as u64),
-            gain: race.and_then(|race| race.gain(&answered.configuration, self.spec.space.default_ref())),
+            gain: beside.and_then(|race| race.gain(&answered.configuration, default)),
         }
     }
 }

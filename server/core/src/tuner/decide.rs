@@ -50,9 +50,10 @@ impl Tuner {
         Some(Prediction { configuration, predicted_cost: None, decision, insight: None })
     }
 
-    /// The answer to every client in shadow operation.
+    /// The answer to every client in shadow operation: the default, or its start.
     pub(super) fn in_shadow(
         &self,
+        ask: &Ask,
         normalised: &[f64],
         state: StateId,
         planned: &Planned,
@@ -61,14 +62,16 @@ impl Tuner {
             return None;
         }
         let ground = self.ground(&SessionPolicy::default());
-        let would = self.exploitation(normalised, Some(state), ground, planned);
-        let predicted_cost = self.states.default_cost(state);
+        let start = self.start_of(ask);
+        let would = self.exploitation_from(start.as_ref(), normalised, Some(state), ground, planned);
+        let configuration = start.unwrap_or_else(|| self.spec.space.default_configuration());
+        let predicted_cost = self.states.cost_of(state, &configuration);
         let costs = would.predicted_cost.zip(predicted_cost);
         let expected_gain =
             costs.map(|(cost, default)| (default - cost) / default).filter(|gain| gain.is_finite());
         let instead_of = would.configuration.to_raw();
         Some(Prediction {
-            configuration: self.spec.space.default_configuration(),
+            configuration,
             predicted_cost,
             decision: Choice::Shadow { instead_of, expected_gain }.decided(),
             insight: None,
@@ -122,6 +125,7 @@ impl Tuner {
                 self.states.results(state).fails(configuration)
                     || begins_again
                     || is_outdated
+                    || self.has_new_start(ask, state, visit.since)
                     || self.is_unfounded(ask, state, configuration, &exploit.source)
                     || policy.roll_back && self.gain().does_clearly_worse(state, configuration)
                     || doubled
@@ -158,6 +162,7 @@ impl Tuner {
         self.ground(&ask.session_policy) == Ground::Measured
             && (results.best().is_some() || is_modelled)
             && results.ran(configuration).is_none()
+            && self.start_of(ask).as_ref() != Some(configuration)
     }
 
     /// The epsilon-greedy decision for visit `number` of a client to a state (paper section 6).
@@ -174,7 +179,8 @@ impl Tuner {
     ) -> VisitDecision {
         let policy = &self.spec.policy;
         let (client_id, session) = (&ask.client_id, &ask.session_policy);
-        let exploit = || self.exploitation(normalised, Some(state), self.ground(session), planned);
+        let (ground, start) = (self.ground(session), self.start_of(ask));
+        let exploit = || self.exploitation_from(start.as_ref(), normalised, Some(state), ground, planned);
         let fails = |would: &Exploitation| self.states.results(state).fails(&would.configuration);
         if policy.operation == Operation::Freeze {
             return exploit().kept(ExploitRule::Frozen, ExplorationEstimate::default());
@@ -291,7 +297,7 @@ impl Tuner {
         if self.spec.policy.roll_back
             && let Some(state) = here
             && self.gain().does_clearly_worse(state, &answer.configuration)
-            && let Some(best) = self.best_known(state, planned)
+            && let Some(best) = self.best_known(state, None, planned)
             && best.configuration != answer.configuration
         {
             return Exploitation { rolled_back: true, ..best };
@@ -330,7 +336,7 @@ impl Tuner {
         here: Option<StateId>,
         planned: &Planned,
     ) -> Exploitation {
-        if let Some(best) = here.and_then(|state| self.best_known(state, planned)) {
+        if let Some(best) = here.and_then(|state| self.best_known(state, None, planned)) {
             return best;
         }
         let transfer = self.transfer();
@@ -369,7 +375,7 @@ impl Tuner {
             return answer;
         };
         let (Some(answered), Some(luckiest)) =
-            (self.answered(state, planned), self.states.results(state).best())
+            (self.answered(state, None, planned), self.states.results(state).best())
         else {
             return answer;
         };
@@ -384,11 +390,17 @@ impl Tuner {
         Answer { configuration: answered.configuration, expected, ..answer }
     }
 
-    /// The answer of a state's own measurements: its proven best configuration, or the incumbent.
-    pub(super) fn best_known(&self, state: StateId, planned: &Planned) -> Option<Exploitation> {
+    /// The answer of a state's own measurements: its proven best configuration, or the incumbent. Beside a
+    /// `start` that ran there it is what is better than that, or the start.
+    pub(super) fn best_known(
+        &self,
+        state: StateId,
+        start: Option<&Configuration>,
+        planned: &Planned,
+    ) -> Option<Exploitation> {
         let KnownState { id, results, .. } = &self.states[state];
         let Answered { configuration, cost, gain, nothing_better, gain_at_most, .. } =
-            self.answered(state, planned)?;
+            self.answered(state, start, planned)?;
         let (tried, measurements) =
             (results.tried() as u64, results.record(&configuration).map_or(0, |record| record.measurements));
         let is_maximised = self.spec.objective.view().is_maximised();

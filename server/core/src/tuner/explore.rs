@@ -133,8 +133,9 @@ impl Tuner {
                 rule = ExploitRule::Waiting;
             }
         }
-        let best = self.best_known(state, planned);
+        let best = self.best_known(state, None, planned);
         let instead = best.unwrap_or_else(|| self.measured_answer(normalised, Some(state), planned));
+        let instead = self.beside_start(instead, self.start_of(ask).as_ref(), Some(state), planned);
         Explored::Nothing { instead, rule }
     }
 

@@ -2,6 +2,7 @@
 
 pub use crate::trial::OmissionReason;
 
+use crate::configuration::Configuration;
 use crate::ids::StateId;
 use crate::predict::state_index::OmittedIndicator;
 use crate::standing::Standing;
@@ -63,7 +64,12 @@ pub struct Omission {
 }
 
 impl Tuner {
-    pub(super) fn insight(&self, state: StateId, planned: &Planned) -> Insight {
+    pub(super) fn insight(
+        &self,
+        state: StateId,
+        start: Option<&Configuration>,
+        planned: &Planned,
+    ) -> Insight {
         let results = self.states.results(state);
         // A session may want a longer search than the study's operator, or a shorter one.
         let room = self.visits.room(state).unwrap_or(self.spec.policy.trials_per_state as usize);
@@ -93,7 +99,7 @@ impl Tuner {
             drifts: results.drifts(),
             prospect: (!is_finished).then_some(prospect),
             omissions,
-            standing: self.standing(state, planned),
+            standing: self.standing(state, start, planned),
         }
     }
 

@@ -11,11 +11,12 @@
 //! [`Tuner`] joins parts that keep their own invariants: `states` (recognition, and the table of each state),
 //! `trials` (the open ones and their holders), `visits` (the clients' states and budgets), `searches`,
 //! `models`, `history`, `assessment`s, `speeds` and `auxiliaries`. Each step has its file:
-//! `decide` and `gain` take decisions, `explore` and `within_budget` walk a search, `confirmation` runs its
-//! best against the incumbent, `transfer` brings in the results of other states and machines (`warm_start`
-//! and `portfolio` make the beginning of a search from them), `planning` copies the inputs of slow
-//! computations and `plan` computes them apart, `suggest` and `report` are the two halves of a client's
-//! frame, `leases` ends trials that never come back, `restore` and `checkpoint` rebuild.
+//! `decide` and `gain` take decisions, `start` lets a client begin with its own default, `explore` and
+//! `within_budget` walk a search, `confirmation` runs its best against the incumbent, `transfer` brings in
+//! the results of other states and machines (`warm_start` and `portfolio` make the beginning of a search from
+//! them), `planning` copies the inputs of slow computations and `plan` computes them apart, `suggest` and
+//! `report` are the two halves of a client's frame, `leases` ends trials that never come back, `restore` and
+//! `checkpoint` rebuild.
 
 mod assessment;
 mod auxiliaries;
@@ -44,6 +45,7 @@ mod restore;
 mod searches;
 mod session;
 mod speeds;
+mod start;
 mod states;
 mod suggest;
 mod transfer;
@@ -153,6 +155,7 @@ impl Tuner {
         checks::client_id(&ask.client_id)?;
         checks::origin(ask.origin.as_deref())?;
         checks::fingerprint(ask.fingerprint.as_ref())?;
+        self.checked_start(ask.start.as_ref())?;
         Ok(self.recognised(ask, self.spec.indicators.normalise(&ask.indicators)?))
     }
 
@@ -356,19 +359,21 @@ impl Tuner {
         indicators: &BTreeMap<String, f64>,
         fingerprint: Option<&Fingerprint>,
     ) -> Result<Prediction, TunerError> {
-        self.prediction(indicators, fingerprint, &Planned::AtOnce)
+        self.prediction(indicators, fingerprint, None, &Planned::AtOnce)
     }
 
-    /// [`Tuner::predict`] in microseconds, with a computed plan.
+    /// [`Tuner::predict`] in microseconds, with a computed plan, for a client with a start or without.
     pub fn predict_planned(
         &mut self,
         indicators: &BTreeMap<String, f64>,
         fingerprint: Option<&Fingerprint>,
+        start: Option<&RawConfiguration>,
         plan: SuggestionPlan,
     ) -> Result<Prediction, TunerError> {
         let mut planned = Planned::Ahead(Box::new(plan));
         self.keep_planned(&mut planned);
-        self.prediction(indicators, fingerprint, &planned)
+        let start = self.checked_start(start)?;
+        self.prediction(indicators, fingerprint, start.as_ref(), &planned)
     }
 
     /// The best known configuration of the state that matches the indicators, or of all states where none are
@@ -380,20 +385,23 @@ impl Tuner {
         fingerprint: Option<&Fingerprint>,
     ) -> Result<Option<Best>, TunerError> {
         let state = self.best_state(indicators, fingerprint)?;
-        Ok(state.and_then(|state| self.best_answer(state, &Planned::AtOnce)))
+        Ok(state.and_then(|state| self.best_answer(state, None, &Planned::AtOnce)))
     }
 
-    /// [`Tuner::best`] in microseconds, with a computed plan.
+    /// [`Tuner::best`] in microseconds, with a computed plan. For a client with a start that ran in the state
+    /// it is what is better than that, and the start takes the place of the default in all that is told.
     pub fn best_planned(
         &mut self,
         indicators: Option<&BTreeMap<String, f64>>,
         fingerprint: Option<&Fingerprint>,
+        start: Option<&RawConfiguration>,
         plan: SuggestionPlan,
     ) -> Result<Option<Best>, TunerError> {
         let mut planned = Planned::Ahead(Box::new(plan));
         self.keep_planned(&mut planned);
+        let start = self.checked_start(start)?;
         let state = self.best_state(indicators, fingerprint)?;
-        Ok(state.and_then(|state| self.best_answer(state, &planned)))
+        Ok(state.and_then(|state| self.best_answer(state, start.as_ref(), &planned)))
     }
 
     /// The cost of the configuration exploited in a state, as far as it was assessed; `None` when nothing has
@@ -401,7 +409,7 @@ impl Tuner {
     pub fn best_cost(&self, state: impl Into<StateId>) -> Option<f64> {
         let state = state.into();
         let known = self.states.contains(state).then(|| self.states.results(state))?;
-        let assessed = self.assessments.of(state).map(|made| made.cost);
+        let assessed = self.assessments.of(state, None).map(|made| made.cost);
         known.believed_best().map(|best| assessed.unwrap_or(best.mean_cost))
     }
 

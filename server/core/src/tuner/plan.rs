@@ -36,6 +36,8 @@ pub struct PlanRequest {
     pub(super) evidence: Option<(Option<StateId>, MeasuredElsewhere)>,
     /// The state whose own measurements may give the answer.
     pub(super) assessment: Option<AssessmentRequest>,
+    /// The same beside the client's start.
+    pub(super) beside_start: Option<AssessmentRequest>,
     /// The state whose assessment gives the answer that a prediction has to beat; `None` where that answer is
     /// known.
     pub(super) rival_of: Option<StateId>,
@@ -57,6 +59,8 @@ pub struct SuggestionPlan {
     beginning: Option<(Option<StateId>, Option<WarmStart>)>,
     /// The assessment of a state.
     assessment: Option<(StateId, Arc<Assessment>)>,
+    /// The same beside the client's start.
+    beside_start: Option<(StateId, Arc<Assessment>)>,
     /// The state whose assessment was taken from the plan.
     assessed: Option<StateId>,
 }
@@ -72,6 +76,7 @@ impl PlanRequest {
             search: None,
             evidence: None,
             assessment: None,
+            beside_start: None,
             rival_of: None,
         }
     }
@@ -87,8 +92,9 @@ impl PlanRequest {
         let point = self.search.and_then(|(state, search, reserve)| Some((state, search.plan(reserve)?)));
         let portfolio = self.portfolio.and_then(|evidence| evidence.best(space));
         let beginning = self.evidence.map(|(state, evidence)| (state, evidence.beginning(space)));
-        let assessment: Option<(StateId, Arc<Assessment>)> =
-            self.assessment.and_then(|request| Some((request.state, request.compute()?.into())));
+        let assess = |request: AssessmentRequest| Some((request.state, Arc::new(request.compute()?)));
+        let (assessment, beside_start) =
+            (self.assessment.and_then(assess), self.beside_start.and_then(assess));
         // The assessment of the rival may just have been computed.
         let assessed = assessment.as_ref().filter(|(state, _)| Some(*state) == self.rival_of);
         let rival = assessed.map(|(_, assessed)| assessed.answer.clone()).or_else(|| portfolio.clone());
@@ -99,13 +105,23 @@ impl PlanRequest {
         let answer = self.answer.and_then(|request| beside(request).answer(space));
         let first = self.first.and_then(|request| request.answer(space));
         let normalised = self.normalised;
-        let assessed = None;
-        SuggestionPlan { normalised, answer, first, portfolio, point, beginning, assessment, assessed }
+        SuggestionPlan {
+            normalised,
+            answer,
+            first,
+            portfolio,
+            point,
+            beginning,
+            assessment,
+            beside_start,
+            assessed: None,
+        }
     }
 
     pub(super) fn is_empty(&self) -> bool {
         let answers = self.answer.is_some() || self.first.is_some() || self.portfolio.is_some();
-        !answers && self.search.is_none() && self.evidence.is_none() && self.assessment.is_none()
+        let assesses = self.assessment.is_some() || self.beside_start.is_some();
+        !answers && !assesses && self.search.is_none() && self.evidence.is_none()
     }
 }
 
@@ -113,8 +129,8 @@ impl SuggestionPlan {
     /// The indicators that it was made for, normalised; `None` where it plans nothing.
     pub(super) fn normalised(&self) -> Option<&[f64]> {
         let answers = self.answer.is_some() || self.first.is_some() || self.portfolio.is_some();
-        let is_empty =
-            !answers && self.point.is_none() && self.beginning.is_none() && self.assessment.is_none();
+        let assesses = self.assessment.is_some() || self.beside_start.is_some();
+        let is_empty = !answers && !assesses && self.point.is_none() && self.beginning.is_none();
         (!is_empty).then_some(&self.normalised)
     }
 }
@@ -175,6 +191,12 @@ impl Planned {
         let taken = plan.assessment.take();
         plan.assessed = taken.as_ref().map(|(state, _)| *state);
         taken
+    }
+
+    /// The assessment of a state beside the client's start.
+    pub(super) fn take_beside_start(&mut self) -> Option<(StateId, Arc<Assessment>)> {
+        let Planned::Ahead(plan) = self else { return None };
+        plan.beside_start.take()
     }
 
     /// Whether an assessment of a state was made for this question. The state's table may have changed since.

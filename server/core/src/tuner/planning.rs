@@ -4,6 +4,7 @@
 use std::borrow::Cow;
 use std::collections::BTreeMap;
 
+use crate::configuration::{Configuration, RawConfiguration};
 use crate::ids::StateId;
 use crate::limits::POINTS_IN_RESERVE_MAX;
 use crate::policy::Operation;
@@ -12,6 +13,7 @@ use crate::predict::{ComputedUpdates, DeferredUpdates, Predictor, Query};
 use crate::search::AnySearch;
 use crate::session::SessionPolicy;
 use crate::trial::Fingerprint;
+use crate::tuner::assessment::AssessmentRequest;
 use crate::tuner::budget::Terms;
 use crate::tuner::decide::Ground;
 use crate::tuner::explore::is_spent;
@@ -92,7 +94,8 @@ impl Tuner {
         let ends =
             |here: &StateId| self.is_spent_for(&ask.session_policy, *here) && self.is_to_be_confirmed(*here);
         let answers = if explores { here.filter(ends) } else { self.state_that_answers(&query(), here) };
-        request.assessment = answers.and_then(|state| self.assessment_to_plan(state));
+        request.assessment = answers.and_then(|state| self.assessment_to_plan(state, None));
+        request.beside_start = self.start_to_plan(self.start_of(ask), answers.filter(|_| answers == here));
         let tunes = policy.operation == Operation::Tune;
         // The plan may show whether there is anything to exploit.
         let is_unsure = !explores
@@ -137,6 +140,7 @@ impl Tuner {
         &self,
         indicators: &BTreeMap<String, f64>,
         fingerprint: Option<&Fingerprint>,
+        start: Option<&RawConfiguration>,
     ) -> Option<PlanRequest> {
         let normalised = self.spec.indicators.normalise(indicators).ok()?;
         let here = self.recognise_for(fingerprint, &normalised);
@@ -152,10 +156,13 @@ impl Tuner {
         let portfolio = self.transfer().evidence_elsewhere(&normalised, here);
         let answer = asks.then(|| predictors.request(self.spec.policy.predictor, &query)).flatten();
         let answers = self.state_that_answers(&query, here);
-        let assessment = answers.and_then(|state| self.assessment_to_plan(state));
+        let assessment = answers.and_then(|state| self.assessment_to_plan(state, None));
+        let start = self.checked_start(start).ok()?;
+        let beside_start = self.start_to_plan(start, answers.filter(|_| answers == here));
         let rival_of = here.filter(|&here| !self.is_settled(here));
         let nothing = PlanRequest::nothing(&self.spec);
-        let request = PlanRequest { answer, portfolio, normalised, assessment, rival_of, ..nothing };
+        let request =
+            PlanRequest { answer, portfolio, normalised, assessment, beside_start, rival_of, ..nothing };
         (!request.is_empty()).then_some(request)
     }
 
@@ -164,10 +171,24 @@ impl Tuner {
         &self,
         indicators: Option<&BTreeMap<String, f64>>,
         fingerprint: Option<&Fingerprint>,
+        start: Option<&RawConfiguration>,
     ) -> Option<PlanRequest> {
         let state = self.best_state(indicators, fingerprint).ok()??;
-        let assessment = Some(self.assessment_to_plan(state)?);
-        Some(PlanRequest { assessment, ..PlanRequest::nothing(&self.spec) })
+        let assessment = self.assessment_to_plan(state, None);
+        let beside_start = self.start_to_plan(self.checked_start(start).ok()?, Some(state));
+        let request = PlanRequest { assessment, beside_start, ..PlanRequest::nothing(&self.spec) };
+        (!request.is_empty()).then_some(request)
+    }
+
+    /// The assessment of a state beside a client's start, where that ran there.
+    fn start_to_plan(
+        &self,
+        start: Option<Configuration>,
+        state: Option<StateId>,
+    ) -> Option<AssessmentRequest> {
+        let (start, state) = (start?, state?);
+        self.measured_start(state, Some(&start))?;
+        self.assessment_to_plan(state, Some(&start))
     }
 
     /// The state whose own measurements answer a question, as far as is known before it is answered: its own

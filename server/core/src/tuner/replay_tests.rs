@@ -161,7 +161,10 @@ fn happen(tuner: &mut Tuner, rows: &mut Rows, event: &Event, now_ms: &mut i64) -
             let fingerprint = (machine > 0).then(|| machine_of(machine));
             let client_id = format!("client {client}");
             let (can_abort, fidelities) = (*client > 0, *client < 2);
-            let question = Ask { session, can_abort, fidelities, fingerprint, ..ask(&client_id, x, y) };
+            let space = &tuner.spec().space;
+            let start = (*client == 1).then(|| space.decode(&vec![0.7; space.dimension()]).to_raw());
+            let question =
+                Ask { session, can_abort, fidelities, fingerprint, start, ..ask(&client_id, x, y) };
             let answer = match tuner.models.defers {
                 true => plan_apart(tuner, &question, *now_ms),
                 false => tuner.suggest(&question, *now_ms),

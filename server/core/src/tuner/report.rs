@@ -1,7 +1,7 @@
 //! The second half of a client's frame, and the other ends of a trial.
 
 use crate::configuration::Configuration;
-use crate::decision::{BudgetStatus, Choice, Explore};
+use crate::decision::{BudgetStatus, Choice, Exploit, ExploitRule, ExploitSource, Explore};
 use crate::ids::{StateId, TrialNumber};
 use crate::policy::Policy;
 use crate::predict::Predictors;
@@ -348,7 +348,7 @@ impl Tuner {
 
     /// Enters a completed trial into its client's account; the row of the visit, if there is one.
     fn settle(&mut self, trial: &Trial) -> Option<Visit> {
-        let is_default = trial.configuration == *self.spec.space.default_ref();
+        let is_default = trial.configuration == *self.spec.space.default_ref() || runs_as_default(trial);
         let most = self.most_charged(trial);
         let account = self.visits.account_mut(&trial.client_id)?;
         account.report(trial.number, trial.state_id, trial.cost.map(|cost| cost.min(most)), is_default);
@@ -433,6 +433,14 @@ impl Tuner {
 fn is_silent(trial: &Trial) -> bool {
     let is_infeasible = matches!(trial.outcome, Some(Outcome::Infeasible { .. }));
     trial.decision.fidelity.is_some() || trial.decision.silent && !is_infeasible
+}
+
+/// Whether a trial runs its client's start as others run the default: it is a reference for a budget.
+fn runs_as_default(trial: &Trial) -> bool {
+    let is_reference =
+        |one: &Exploit| one.source == ExploitSource::Default && one.rule == ExploitRule::Budget;
+    trial.decision.measures_start()
+        || matches!(&trial.decision.choice, Choice::Exploit(exploit) if is_reference(exploit))
 }
 
 /// The verdict of a completed trial on its configuration; `None` where it has none.

@@ -135,7 +135,12 @@ impl States {
 
     /// Mean cost of the default configuration in a state, if it was measured there.
     pub(super) fn default_cost(&self, id: StateId) -> Option<f64> {
-        let record = self[id].results.record(&self.default)?;
+        self.cost_of(id, &self.default)
+    }
+
+    /// Mean cost of a configuration in a state, if it was measured there.
+    pub(super) fn cost_of(&self, id: StateId, configuration: &Configuration) -> Option<f64> {
+        let record = self[id].results.record(configuration)?;
         (record.measurements > 0).then_some(record.mean_cost)
     }
 

@@ -30,7 +30,7 @@ impl Tuner {
             change.visits.extend(lost.visits);
         }
         let visit_before = self.visits.of(&ask.client_id).cloned();
-        let fixed = wanted.or_else(|| self.in_shadow(&normalised, state, &planned));
+        let fixed = wanted.or_else(|| self.in_shadow(ask, &normalised, state, &planned));
         if fixed.is_none() {
             change.forgotten.extend(self.visit(ask, &normalised, state, &planned));
             self.visits.keep_account(ask, &self.spec.policy, state, self.trials.last());
@@ -67,9 +67,10 @@ impl Tuner {
         Ok((trial, change))
     }
 
-    /// Keeps the planned assessment of a state.
+    /// Keeps the planned assessments of a state.
     pub(super) fn keep_planned(&mut self, planned: &mut Planned) {
-        if let Some((state, assessment)) = planned.take_assessment() {
+        let made = [planned.take_assessment(), planned.take_beside_start()];
+        for (state, assessment) in made.into_iter().flatten() {
             self.assessments.keep(state, assessment);
         }
     }
@@ -144,6 +145,9 @@ impl Tuner {
         state: StateId,
         planned: &mut Planned,
     ) -> Prediction {
+        if let Some(first) = self.start_first(ask, state) {
+            return first;
+        }
         let decided = match self.visits.of(&ask.client_id).map(|visit| &visit.decision) {
             Some(VisitDecision::Exploit { configuration, predicted_cost, exploit, said })
                 if !self.is_rechecked(ask, state) =>
@@ -160,7 +164,8 @@ impl Tuner {
             _ => (ExploreRule::Dice, ExplorationEstimate::default()),
         };
         if self.spec.policy.operation == Operation::Freeze {
-            let known = self.exploitation(normalised, Some(state), Ground::Measured, planned);
+            let (start, ground) = (self.start_of(ask), Ground::Measured);
+            let known = self.exploitation_from(start.as_ref(), normalised, Some(state), ground, planned);
             return known.by(ExploitRule::Frozen, ExplorationEstimate::default(), BudgetStatus::default());
         }
         let mut prediction = self.explore_within_budget(ask, number, normalised, state, decided, planned);

@@ -45,6 +45,8 @@ pub struct Ask {
     pub origin: Option<String>,
     /// The client runs a trial at the cheaper level that the trial names.
     pub fidelities: bool,
+    /// The configuration that the client runs by default, in place of the study's.
+    pub start: Option<RawConfiguration>,
 }
 
 impl Ask {
@@ -256,7 +258,8 @@ pub struct Best {
     pub configuration: Configuration,
     /// Mean objective of its measurements in the state.
     pub cost: f64,
-    /// Mean objective of the default configuration in the same state, if it was measured there.
+    /// Mean objective of the default configuration, or of the client's start, in the same state, if it was
+    /// measured there.
     pub default_cost: Option<f64>,
     /// The number of measurements behind `cost`.
     pub measurements: u64,
@@ -295,6 +298,9 @@ pub enum TunerError {
     /// The configuration that the client wants does not fit the study's space.
     #[error("wanted configuration: {0}")]
     Wanted(#[from] SpaceError),
+    /// The client's start does not fit the study's space.
+    #[error("start: {0}")]
+    Start(SpaceError),
     /// The fingerprint is over a limit.
     #[error(
         "fingerprint: at most {FINGERPRINT_SOFTWARE_MAX} software entries, and at most \

@@ -85,15 +85,16 @@ impl Tuner {
         &self,
         indicators: &BTreeMap<String, f64>,
         fingerprint: Option<&Fingerprint>,
+        start: Option<&Configuration>,
         planned: &Planned,
     ) -> Result<Prediction, TunerError> {
         checks::fingerprint(fingerprint)?;
         let normalised = self.spec.indicators.normalise(indicators)?;
         let here = self.recognise_for(fingerprint, &normalised);
         let ground = self.ground(&SessionPolicy::default());
-        let exploit = || self.exploitation(&normalised, here, ground, planned).asked();
+        let exploit = || self.exploitation_from(start, &normalised, here, ground, planned).asked();
         let prediction = self.pinned().unwrap_or_else(exploit);
-        Ok(Prediction { insight: here.map(|here| self.insight(here, planned)), ..prediction })
+        Ok(Prediction { insight: here.map(|here| self.insight(here, start, planned)), ..prediction })
     }
 
     pub(super) fn gain(&self) -> GainEvidence<'_> {
@@ -127,8 +128,14 @@ impl Tuner {
         }
     }
 
-    pub(super) fn best_answer(&self, state: StateId, planned: &Planned) -> Option<Best> {
-        let answered = self.answered(state, planned)?;
+    pub(super) fn best_answer(
+        &self,
+        state: StateId,
+        start: Option<&Configuration>,
+        planned: &Planned,
+    ) -> Option<Best> {
+        let answered = self.answered(state, start, planned)?;
+        let default = self.measured_start(state, start).unwrap_or(self.spec.space.default_ref());
         let record = self.states.results(state).record(&answered.configuration)?;
         assert!(record.measurements > 0 && !record.infeasible, "the best was measured and can be run");
         let pace = self.states.results(state).pace();
@@ -136,12 +143,12 @@ impl Tuner {
         Some(Best {
             configuration: record.configuration.clone(),
             cost: pace * record.mean_cost,
-            default_cost: self.states.default_cost(state).map(|cost| pace * cost),
+            default_cost: self.states.cost_of(state, default).map(|cost| pace * cost),
             measurements: record.measurements,
             state_id: state.0,
             trial: record.last_trial,
             last_measure_ms: record.last_measure_ms,
-            standing: self.standing(state, planned)?,
+            standing: self.standing(state, start, planned)?,
         })
     }
 

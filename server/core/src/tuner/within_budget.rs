@@ -69,7 +69,7 @@ impl Tuner {
                     Denied::NoReference => (None, None),
                     Denied::TooLittle(leave) => (Some(leave.set_aside), Some(leave.reference)),
                 };
-                match self.baseline(denied, state, planned) {
+                match self.baseline(ask, denied, state, planned) {
                     Some(baseline) => {
                         let budget = BudgetStatus { budget_left, set_aside, reference_cost };
                         baseline.by(ExploitRule::Budget, decided.1, budget)
@@ -101,18 +101,22 @@ impl Tuner {
         }
     }
 
-    /// The configuration to run while the budget does not allow exploring: the default once in each stay, as
-    /// a reference for the cost of exploring, then the best measured there. `None` where there is neither.
-    fn baseline(&self, denied: Denied, state: StateId, planned: &Planned) -> Option<Exploitation> {
-        if matches!(denied, Denied::NoReference) && self.default_runs(state) {
+    /// The configuration to run while the budget does not allow exploring: the default, or the client's
+    /// start, once in each stay, as a reference for the cost of exploring, then the best measured there.
+    /// `None` where there is neither.
+    fn baseline(&self, ask: &Ask, denied: Denied, state: StateId, planned: &Planned) -> Option<Exploitation> {
+        let start = self.usable_start(ask, state);
+        if matches!(denied, Denied::NoReference) && (start.is_some() || self.default_runs(state)) {
+            let configuration = start.unwrap_or_else(|| self.spec.space.default_configuration());
             return Some(Exploitation {
-                configuration: self.spec.space.default_configuration(),
-                predicted_cost: self.states.default_cost(state),
+                predicted_cost: self.states.cost_of(state, &configuration),
+                configuration,
                 source: ExploitSource::Default,
                 rolled_back: false,
             });
         }
-        self.best_known(state, planned)
+        let best = self.best_known(state, None, planned)?;
+        Some(self.beside_start(best, start.as_ref(), Some(state), planned))
     }
 }
 

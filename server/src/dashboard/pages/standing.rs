@@ -47,6 +47,7 @@ pub(super) async fn read_state(
         indicators: trial.indicators.clone(),
         fingerprint: trial.fingerprint.clone(),
         space_revision: 0,
+        start: None,
     };
     let (best, holder) = read_best(visitor, request).await?;
     let standing = best.as_ref().and_then(|best| best.standing).map(standing_from_wire);
@@ -79,6 +80,7 @@ pub(super) async fn roofline(visitor: &Visitor<'_>, id: &str, of: &StateStands) 
         indicators: of.trial.indicators.clone(),
         fingerprint: of.trial.fingerprint.clone(),
         space_revision: 0,
+        start: None,
     };
     let prediction = rpc::trials::predict(visitor.tuning, visitor.caller, request).await.ok()?;
     let expected = prediction.state.and_then(|state| state.expected_gain).unwrap_or(0.0);

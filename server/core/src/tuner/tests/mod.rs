@@ -18,6 +18,7 @@ mod paying;
 mod proven;
 mod robust;
 mod small;
+mod starts;
 mod verdicts;
 
 use std::collections::{BTreeMap, BTreeSet};

@@ -1,0 +1,129 @@
+//! A client's own default where that is not the study's: its start.
+//!
+//! The searches, races and verdicts of a state know of no starts: a start is one more configuration there. A
+//! client with a start measures it before anything else that has to be compared with it. From then on its
+//! answers are those that the measurements of the state show to be better than its start, which takes the
+//! place of the study's default and of the incumbent. Where nothing is known, its answer is its start.
+
+use crate::configuration::{Configuration, RawConfiguration};
+use crate::decision::{
+    BudgetStatus, Choice, ExploitSource, ExplorationEstimate, Explore, ExploreRule, ExploredPoint,
+};
+use crate::ids::StateId;
+use crate::policy::Operation;
+use crate::tuner::decide::Ground;
+use crate::tuner::plan::Planned;
+use crate::tuner::proposal::Exploitation;
+use crate::tuner::{Ask, Prediction, Tuner, TunerError, VisitDecision};
+
+impl Tuner {
+    /// Checks a start; `None` for the study's default.
+    pub(super) fn checked_start(
+        &self,
+        start: Option<&RawConfiguration>,
+    ) -> Result<Option<Configuration>, TunerError> {
+        let Some(start) = start else { return Ok(None) };
+        let start = self.spec.space.configuration(start.clone()).map_err(TunerError::Start)?;
+        Ok((start != *self.spec.space.default_ref()).then_some(start))
+    }
+
+    /// The start of a client whose question was checked.
+    pub(super) fn start_of(&self, ask: &Ask) -> Option<Configuration> {
+        self.checked_start(ask.start.as_ref()).ok().flatten()
+    }
+
+    /// A start, if it ran in a state.
+    pub(super) fn measured_start<'a>(
+        &self,
+        state: StateId,
+        start: Option<&'a Configuration>,
+    ) -> Option<&'a Configuration> {
+        start.filter(|start| self.states.results(state).ran(start).is_some())
+    }
+
+    /// A client's start, unless it is known to fail in a state.
+    pub(super) fn usable_start(&self, ask: &Ask, state: StateId) -> Option<Configuration> {
+        self.start_of(ask).filter(|start| !self.states.results(state).fails(start))
+    }
+
+    /// The trial of a client's start, where that has to be compared with what else ran in the state, or where
+    /// the client explores. Nobody measures it twice; a session that never explores measures nothing for
+    /// that.
+    pub(super) fn start_first(&self, ask: &Ask, state: StateId) -> Option<Prediction> {
+        let start = self.start_of(ask)?;
+        let results = self.states.results(state);
+        let visit = self.visits.of(&ask.client_id);
+        let exploits = visit.is_some_and(|visit| matches!(visit.decision, VisitDecision::Exploit { .. }));
+        let is_needed = !exploits || results.best().is_some();
+        let may = self.spec.policy.operation == Operation::Tune && !self.never_explores(&ask.session_policy);
+        if !(is_needed && may) || results.settled(&start, 1).is_some() || self.trials.runs(state, &start) {
+            return None;
+        }
+        let explore = Explore {
+            point: ExploredPoint::Start,
+            rule: ExploreRule::Dice,
+            estimate: ExplorationEstimate::default(),
+            budget: BudgetStatus::default(),
+            abort_above: None,
+        };
+        let decision = Choice::Explore(explore).decided();
+        Some(Prediction { configuration: start, predicted_cost: None, decision, insight: None })
+    }
+
+    /// Whether a client's start ran in a state for the first time after trial `since`, so that what was
+    /// decided then has to be decided again.
+    pub(super) fn has_new_start(&self, ask: &Ask, state: StateId, since: u64) -> bool {
+        let Some(start) = self.start_of(ask) else { return false };
+        let record = self.states.results(state).ran(&start);
+        record.is_some_and(|record| record.measurements == 1 && record.last_trial > since)
+    }
+
+    /// [`Tuner::exploitation`] for a client with a start.
+    pub(super) fn exploitation_from(
+        &self,
+        start: Option<&Configuration>,
+        normalised: &[f64],
+        here: Option<StateId>,
+        ground: Ground,
+        planned: &Planned,
+    ) -> Exploitation {
+        let answer = self.exploitation(normalised, here, ground, planned);
+        self.beside_start(answer, start, here, planned)
+    }
+
+    /// An answer as a client with a start gets it: it gives way to the start where nothing is known to be
+    /// better than that.
+    pub(super) fn beside_start(
+        &self,
+        answer: Exploitation,
+        start: Option<&Configuration>,
+        here: Option<StateId>,
+        planned: &Planned,
+    ) -> Exploitation {
+        let Some(start) = start else { return answer };
+        let is_default = matches!(answer.source, ExploitSource::Default | ExploitSource::Incumbent { .. });
+        let ran = here.and_then(|state| Some((state, self.states.results(state).ran(start)?.mean_cost)));
+        let Some((state, cost)) = ran else {
+            let fails = here.is_some_and(|state| self.states.results(state).fails(start));
+            return if is_default && !fails { unmeasured(start, answer.source) } else { answer };
+        };
+        let is_measured = is_default || matches!(answer.source, ExploitSource::BestKnown { .. });
+        let is_cheaper = answer.predicted_cost.is_some_and(|expected| expected < cost);
+        if !is_measured && is_cheaper {
+            return answer;
+        }
+        self.best_known(state, Some(start), planned).unwrap_or(answer)
+    }
+}
+
+/// A start that did not run in a state, in place of the default that is answered there. Nothing is known of
+/// what others gain over it.
+fn unmeasured(start: &Configuration, source: ExploitSource) -> Exploitation {
+    let source = match source {
+        ExploitSource::Incumbent { tried, is_maximised, .. } => {
+            ExploitSource::Incumbent { tried, gain_at_most: None, is_maximised }
+        }
+        other => other,
+    };
+    Exploitation { configuration: start.clone(), predicted_cost: None, source, rolled_back: false }
+}

@@ -1,0 +1,124 @@
+//! Clients that begin with their own defaults, their starts.
+
+use super::*;
+use crate::configuration::RawConfiguration;
+use crate::policy::Operation;
+
+/// The default with other values.
+fn own(values: &[(&str, Value)]) -> Configuration {
+    let space = spec(Policy::default()).space;
+    let mut raw: RawConfiguration = space.default_configuration().into();
+    raw.extend(values.iter().map(|(name, value)| ((*name).to_owned(), value.clone())));
+    space.configuration(raw).expect("it fits")
+}
+
+/// The cheapest configuration at `x` 0.5, which costs 12.75.
+fn good() -> Configuration {
+    let (width, leaf, cost) = (Value::Integer(8), Value::Integer(1), Value::Float(5.0));
+    own(&[("width", width), ("max_leaf_size", leaf), ("travel_cost", cost)])
+}
+
+/// A configuration that costs 34 there, and the default 30.25.
+fn bad() -> Configuration {
+    own(&[("min_leaf_size", Value::Integer(16))])
+}
+
+fn begins_with(client: &str, start: &Configuration) -> Ask {
+    Ask { start: Some(start.to_raw()), ..ask(client, 0.5, 0.5) }
+}
+
+fn frame(tuner: &mut Tuner, ask: &Ask) -> Trial {
+    let trial = tuner.suggest(ask, 0).expect("valid").0;
+    finish(tuner, &trial, Outcome::Ok)
+}
+
+#[test]
+fn a_start_is_measured_first_and_once_and_the_search_knows_it() {
+    let (mut tuner, start) = (tuner(explore_always()), good());
+    let held = tuner.suggest(&begins_with("a", &start), 0).expect("valid").0;
+    assert_eq!((&held.configuration, held.mode()), (&start, Mode::Default));
+    assert_eq!(held.reason().source, "start");
+    let again = tuner.suggest(&begins_with("a", &start), 0).expect("valid").0;
+    assert_eq!(again.number, held.number);
+    let beside = tuner.suggest(&begins_with("b", &start), 0).expect("valid").0;
+    assert_eq!(beside.configuration, *tuner.spec().space.default_ref(), "a measures the start");
+    finish(&mut tuner, &held, Outcome::Ok);
+    finish(&mut tuner, &beside, Outcome::Ok);
+    for _ in 0..8 {
+        let trial = frame(&mut tuner, &begins_with("a", &start));
+        assert!(trial.configuration != start, "what is known is not measured again");
+    }
+    // What fails is not tried for ever.
+    let mut failing = seeded(1, explore_always());
+    let first = failing.suggest(&begins_with("a", &start), 0).expect("valid").0;
+    finish(&mut failing, &first, infeasible());
+    assert_ne!(frame(&mut failing, &begins_with("a", &start)).configuration, start);
+}
+
+#[test]
+fn the_default_is_no_start_and_what_does_not_fit_is_refused() {
+    let default = spec(Policy::default()).space.default_configuration();
+    let run = |ask: &Ask| {
+        let mut tuner = tuner(Policy { trials_per_state: 8, ..Policy::default() });
+        (0..20).map(|_| frame(&mut tuner, ask)).collect::<Vec<_>>()
+    };
+    assert_eq!(run(&begins_with("a", &default)), run(&ask("a", 0.5, 0.5)));
+    let mut unknown = default.to_raw();
+    unknown.insert("colour".into(), Value::Boolean(true));
+    let ask = Ask { start: Some(unknown), ..ask("a", 0.5, 0.5) };
+    let refused = tuner(Policy::default()).suggest(&ask, 0).expect_err("no such parameter");
+    assert!(matches!(refused, TunerError::Start(_)), "{refused}");
+}
+
+#[test]
+fn answers_are_what_is_better_than_the_start_and_are_told_over_it() {
+    let mut tuner = tuner(Policy { trials_per_state: 8, ..explore_always() });
+    run(&mut tuner, "a", 0.5, 0.5, 8);
+    // The search has ended, and nobody has measured the starts.
+    for _ in 0..4 {
+        let trial = frame(&mut tuner, &begins_with("b", &good()));
+        assert_eq!((trial.configuration.clone(), trial.mode()), (good(), Mode::Default), "{trial:?}");
+    }
+    assert_eq!(frame(&mut tuner, &begins_with("c", &bad())).configuration, bad());
+    for _ in 0..3 {
+        let trial = frame(&mut tuner, &begins_with("c", &bad()));
+        assert!(trial.configuration != bad() && trial.mode() == Mode::Exploit, "{trial:?}");
+    }
+    let indicators = ask("d", 0.5, 0.5).indicators;
+    let mut best = |start: Option<Configuration>| {
+        let start = start.map(RawConfiguration::from);
+        let plan = tuner.plan_best(Some(&indicators), None, start.as_ref());
+        let plan = plan.map(PlanRequest::compute).unwrap_or_default();
+        let best = tuner.best_planned(Some(&indicators), None, start.as_ref(), plan);
+        best.expect("valid").expect("measured")
+    };
+    let (plain, of_good, of_bad) = (best(None), best(Some(good())), best(Some(bad())));
+    let is_about = |cost: Option<f64>, about: f64| cost.is_some_and(|cost| (cost - about).abs() < 1e-6);
+    assert!(is_about(plain.default_cost, 30.25), "{plain:?}");
+    assert!(is_about(of_good.default_cost, 12.75) && of_good.configuration == good(), "{of_good:?}");
+    assert!(of_good.standing.nothing_better, "{of_good:?}");
+    assert!(is_about(of_bad.default_cost, 34.0) && !of_bad.standing.nothing_better, "{of_bad:?}");
+    assert!(of_bad.standing.gain.and_then(|gain| gain.low).is_some_and(|low| low > 0.0), "{of_bad:?}");
+}
+
+#[test]
+fn who_explores_nothing_gets_its_start_until_something_is_known() {
+    let shadow = Policy { operation: Operation::Shadow, ..explore_always() };
+    for policy in [exploit_always(), shadow] {
+        let mut tuner = tuner(policy);
+        for _ in 0..4 {
+            let trial = frame(&mut tuner, &begins_with("a", &good()));
+            assert_eq!((trial.configuration.clone(), trial.mode()), (good(), Mode::Default), "{trial:?}");
+        }
+    }
+}
+
+#[test]
+fn a_start_is_the_reference_of_a_budget() {
+    let policy = Policy { regret_budget: Some(0.5), abort_above: Some(1.5), ..explore_always() };
+    let mut tuner = tuner(policy);
+    let question = Ask { can_abort: true, ..begins_with("a", &good()) };
+    let trials: Vec<Trial> = (0..40).map(|_| frame(&mut tuner, &question)).collect();
+    assert_eq!(trials[0].configuration, good());
+    assert!(trials.iter().any(|trial| trial.decision.explores()), "the budget is earned beside it");
+}
