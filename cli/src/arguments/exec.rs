@@ -188,6 +188,10 @@ pub(crate) struct Suggest {
     /// Ask for this configuration; parameters you do not name take their defaults
     #[arg(long, value_name = "NAME=VALUE,…", value_delimiter = ',', value_parser = parameter)]
     pub(crate) wanted: Vec<(String, Value)>,
+    /// The values that your program has by default, where they are not the study's; give them each time. They
+    /// are measured first, and answers are what is better. Parameters you do not name take their defaults
+    #[arg(long, value_name = "NAME=VALUE,…", value_delimiter = ',', value_parser = parameter)]
+    pub(crate) start: Vec<(String, Value)>,
     /// Name of this client. A client gets the same trial until it has reported it
     #[arg(long, value_name = "NAME")]
     pub(crate) client: Option<String>,

@@ -1,7 +1,7 @@
 //! Ask and tell in a shell.
 
 use treewright_client::blocking::Client;
-use treewright_client::{Configuration, Measurements, Outcome, Question};
+use treewright_client::{Configuration, Measurements, Outcome, Question, Value};
 
 use crate::arguments::exec::{Report, Suggest, SuggestFormat};
 use crate::exec::program::{same_words, variable};
@@ -20,18 +20,20 @@ pub(super) fn suggest(client: &Client, ask: &Suggest, json: bool) -> Result<Stri
         // Before there is a trial that nobody could run.
         distinct_arguments(&names)?;
     }
-    let wanted = if ask.wanted.is_empty() {
-        None
-    } else {
-        let some: Configuration = ask.wanted.iter().cloned().collect();
-        Some(study.spec()?.space.complete(&some)?.into())
+    let complete = |some: &[(String, Value)]| -> Result<Option<Configuration>, Failure> {
+        if some.is_empty() {
+            return Ok(None);
+        }
+        let some: Configuration = some.iter().cloned().collect();
+        Ok(Some(study.spec()?.space.complete(&some)?.into()))
     };
     let question = Question {
         indicators: ask.indicators.iter().cloned().collect(),
         // One client for every line of a script, so that a trial that was not reported comes again.
         client_id: Some(ask.client.clone().unwrap_or_else(|| format!("shell@{}", files::host()))),
         session: Some(0),
-        wanted,
+        wanted: complete(&ask.wanted)?,
+        start: complete(&ask.start)?,
         space_revision: study.space_revision,
         ..Question::default()
     };
