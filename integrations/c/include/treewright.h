@@ -229,6 +229,9 @@ tw_suggestion *tw_study_suggest(const tw_study *study, const tw_number *indicato
 /* A trial of the caller's own configuration, as JSON. Fails: TW_INVALID, TW_REFUSED, TW_AWAY, TW_LATE. */
 tw_suggestion *tw_study_trial_of(const tw_study *study, const tw_number *indicators, size_t count,
                                  const char *configuration_json, tw_error **error);
+/* Sets what the program runs by default, as JSON with all its values, where that is not the study's default; NULL for that. It is
+ * measured first in a state, and answers there are what is better than it. Fails: TW_INVALID. */
+bool tw_study_set_start(const tw_study *study, const char *configuration_json, tw_error **error);
 /* What would be exploited; *cost, if not NULL, becomes the predicted objective or NaN. tw_configuration_reason says whether it
  * was measured for such an input or is only predicted. Fails: TW_INVALID for wrong indicators, TW_REFUSED, TW_AWAY, TW_LATE. */
 tw_configuration *tw_study_predict(const tw_study *study, const tw_number *indicators, size_t count, double *cost,

@@ -244,6 +244,10 @@ class Study {
       return tw_study_trial_of(owned_.get(), indicators.data(), indicators.size(), configuration_json.c_str(), error);
     }));
   }
+  // What the program runs by default, with all its values; nullptr for the study's default.
+  void set_start(const char *configuration_json) const {
+    detail::checked([&](tw_error **error) { return tw_study_set_start(owned_.get(), configuration_json, error); });
+  }
   Known predict(const Numbers &indicators = {}) const {
     double cost = 0;
     tw_configuration *found = detail::checked([&](tw_error **error) {

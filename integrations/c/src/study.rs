@@ -78,6 +78,19 @@ pub(crate) extern "C" fn tw_study_trial_of(
 }
 
 #[unsafe(no_mangle)]
+pub(crate) extern "C" fn tw_study_set_start(
+    study: Option<&Study>,
+    configuration_json: Text,
+    error: ErrorOut,
+) -> bool {
+    let body = || {
+        let start = configuration_json.optional()?.map(from_json).transpose()?;
+        Ok(need(study, "study")?.0.set_start(start.as_ref())?)
+    };
+    guard(error, body).is_some()
+}
+
+#[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_study_predict(
     study: Option<&Study>,
     numbers: Array<Number>,

@@ -310,6 +310,8 @@ static void trials(const tw_client *client) {
   tw_number result[] = {{"render_ms", 5}};
   CHECK(tw_suggestion_report(own, result, 1, &error));
   FAILS(tw_study_trial_of(study, input, 1, "{]", &error), TW_INVALID, "no JSON");
+  FAILS(tw_study_set_start(study, "{\"leaf\":3}", &error), TW_INVALID, "start");
+  CHECK(tw_study_set_start(study, NULL, &error));
   tw_suggestion_free(tw_study_suggest(study, input, 1, NULL));
   tw_number bad[] = {{"render_ms", NAN}};
   FAILS(tw_suggestion_report(tw_study_suggest(study, input, 1, NULL), bad, 1, &error), TW_INVALID, "render_ms");

@@ -175,6 +175,11 @@ export class Study {
   /** A trial of one's own choice. Here and below, a daemon that is still loading the study is asked again until `callDeadlineMs` is over. */
   trialOf(configuration: Configuration, indicators?: Numbers): Promise<Suggestion>;
   /**
+   * Sets what the program runs by default, with all its values, where that is not the study's default; without an argument it is that.
+   * It is measured first in a state, and answers there are what is better than it.
+   */
+  setStart(configuration?: Configuration): void;
+  /**
    * What would be exploited. `mode` is exploit where something is known, here or elsewhere, default where nothing is, pinned where the
    * policy says so. `reason` says in a sentence whether it was measured for such an input or is only predicted.
    */

@@ -173,6 +173,7 @@ export class Client {
 
 export class Study {
   #memory;
+  #start;
   #setUps;
 
   constructor(client, name, spec, request) {
@@ -234,7 +235,7 @@ export class Study {
       const { fingerprint, options } = this.client;
       const fidelities = options.fidelities === true;
       const { asked: study, spaceRevision } = this;
-      const request = { study, clientId: worker.name, indicators, fingerprint, wanted, fidelities, spaceRevision };
+      const request = { study, clientId: worker.name, indicators, fingerprint, wanted, fidelities, spaceRevision, start: this.#startToWire() };
       const trial = await this.client.call("suggest", request, Math.max(end - Date.now(), 1));
       return this.#accept(trial, worker, indicators, wanted);
     } catch (error) {
@@ -267,7 +268,7 @@ export class Study {
       this.client.stats.lastError = error.message;
       const lastGood = this.#memory.lastGood(indicators);
       const given = { indicators: { ...indicators }, isLastGood: lastGood !== undefined, problem: error };
-      return new Suggestion(this, undefined, undefined, lastGood ?? defaultConfiguration(this.spec), given).handOut();
+      return new Suggestion(this, undefined, undefined, lastGood ?? { ...(this.#start ?? defaultConfiguration(this.spec)) }, given).handOut();
     } finally {
       clearTimeout(timer);
     }
@@ -283,12 +284,25 @@ export class Study {
     return (await this.client.untilReady((deadlineMs) => this.#ask(indicators, wanted, deadlineMs))).handOut();
   }
 
+  setStart(configuration) {
+    for (const name of Object.keys(configuration ?? {})) {
+      if (this.spec.parameters.some((each) => each.name === name)) continue;
+      throw new TreewrightError("invalid", `start: the study has no parameter ${name}`);
+    }
+    this.#start = configuration && { ...configuration };
+  }
+
+  #startToWire() {
+    return this.#start && configurationToWire(this.#start, this.spec);
+  }
+
   /** What is known of these indicators. A study whose daemon was away at first is created before. */
   async #known(name, indicators) {
     return this.client.untilReady(async (deadlineMs) => {
       const end = Date.now() + deadlineMs;
       await this.#create(deadlineMs);
-      const request = { study: this.asked, indicators, fingerprint: this.client.fingerprint, spaceRevision: this.spaceRevision };
+      const { asked: study, spaceRevision } = this;
+      const request = { study, indicators, fingerprint: this.client.fingerprint, spaceRevision, start: this.#startToWire() };
       return this.client.call(name, request, Math.max(end - Date.now(), 1));
     });
   }

@@ -149,6 +149,11 @@ async function withoutDaemon() {
   assert.ok(performance.now() - started < 2000);
   assert.equal(suggestion.source, "default");
   assert.deepEqual(suggestion.configuration, { leaf: 8, split: "sah", cost: 1, budget: 2, compact: false, "block-size": 24 });
+  const start = { leaf: 3, split: "median", budget: 2, compact: false, "block-size": 24 };
+  study.setStart(start);
+  assert.deepEqual((await study.suggest({ triangles: 1 })).configuration, start);
+  study.setStart();
+  assert.throws(() => study.setStart({ leef: 3 }), /no parameter leef/);
   await suggestion.extendLease();
   suggestion.report({ ms: 1 });
   assert.equal(client.stats.unreported, 1);

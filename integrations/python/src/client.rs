@@ -439,6 +439,17 @@ impl Study {
         python.detach(|| self.0.trial_of(&numbers, &wanted)).map(Suggestion::new).map_err(raised)
     }
 
+    /// Sets what this program runs by default, where that is not the study's default; None for that.
+    /// Parameters that are not named have their defaults. It is measured first in a state, and answers there
+    /// are what is better than it. Raises Invalid for one that does not fit the space.
+    #[pyo3(signature = (configuration=None))]
+    fn set_start(&self, configuration: Option<&Bound<'_, PyAny>>) -> PyResult<()> {
+        let Some(given) = configuration else { return self.0.set_start(None).map_err(raised) };
+        let whole = self.0.spec().space.complete(&configuration_of(given)?);
+        let whole = whole.map_err(|error| raised(error.into()))?;
+        self.0.set_start(Some(&whole.into())).map_err(raised)
+    }
+
     /// Renews the lease of an open suggestion, counted from now, for work that takes longer than ``lease_s``
     /// of the policy. Does nothing for one that came without the daemon. Raises Invalid where it is reported
     /// or given back, and Refused where the daemon has ended its trial.

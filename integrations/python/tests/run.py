@@ -124,6 +124,7 @@ def trials(url: str) -> None:
         (treewright.Invalid, lambda: study.set_policy(epsilom=1)),
         (treewright.Invalid, lambda: study.set_policy(epsilon=2)),
         (treewright.Invalid, lambda: study.pin({"leaf": 2})),
+        (treewright.Invalid, lambda: study.set_start({"leaf": 2})),
         (IndexError, lambda: study.predict()[2]),
         (treewright.Refused, lambda: study.trial_of({"split": "other"})),
         (treewright.Refused, lambda: client.existing_study("nowhere")),
@@ -179,8 +180,11 @@ def mappings(url: str, client) -> None:
         limits=fixed(mb=(None, 99.0)),
         policy=fixed(confirm_rounds=0),
     )
+    study.set_start(fixed(leaf=3))
     with study.suggest(fixed(size=1.0)) as trial:
+        assert trial.configuration["leaf"] == 3, trial
         trial.report(collections.ChainMap({"ms": 2.0}, {"ms": 3.0}), mb=1.0)
+    study.set_start()
     study.trial_of(fixed(leaf=3), collections.UserDict(size=2.0)).report(fixed(ms=4.0, mb=1.0))
     client.flush(20000)
     assert study.cost(fixed(ms=5.0)) == 5.0 and study.beyond(fixed(mb=100.0)), study

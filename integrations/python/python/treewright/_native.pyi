@@ -157,6 +157,8 @@ class Study:
         """What to run next, within the deadline; see Suggestion.problem. Raises Invalid for wrong indicators."""
     def trial_of(self, configuration: Mapping[str, Value], indicators: Optional[Numbers] = None) -> Suggestion:
         """A trial of the caller's own configuration."""
+    def set_start(self, configuration: Optional[Mapping[str, Value]] = None) -> None:
+        """Sets what this program runs by default, where that is not the study's default: answers are what is better than it."""
     def extend_lease(self, suggestion: Suggestion) -> None:
         """Renews the lease of an open suggestion, counted from now. Raises Refused where the daemon has ended its trial."""
     def predict(self, indicators: Optional[Numbers] = None) -> Prediction:

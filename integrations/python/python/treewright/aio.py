@@ -158,6 +158,10 @@ class Study:
         """A trial of the caller's own configuration. Raises where no daemon answers."""
         return await _beside(self._study.trial_of, configuration, indicators)
 
+    def set_start(self, configuration: Optional[dict] = None) -> None:
+        """Sets what this program runs by default; see ``treewright.Study.set_start``."""
+        self._study.set_start(configuration)
+
     async def extend_lease(self, suggestion: Suggestion) -> None:
         """Renews the lease of an open suggestion, counted from now; see ``treewright.Study.extend_lease``."""
         await _beside(self._study.extend_lease, suggestion)
