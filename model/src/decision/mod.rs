@@ -173,6 +173,9 @@ pub enum ExploitSource {
         /// One metric is maximised and nothing else counts: the gain is told of it.
         #[serde(default, skip_serializing_if = "std::ops::Not::not")]
         is_maximised: bool,
+        /// The client's start has the place of the default.
+        #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+        beside_start: bool,
     },
     /// The state's own measurements, by which no configuration is proven to be better than the default.
     Incumbent {
@@ -185,6 +188,9 @@ pub enum ExploitSource {
         /// As for [`BestKnown`](Self::BestKnown).
         #[serde(default, skip_serializing_if = "std::ops::Not::not")]
         is_maximised: bool,
+        /// As for [`BestKnown`](Self::BestKnown).
+        #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+        beside_start: bool,
     },
     /// The configuration that serves the known states best, where nothing was measured yet.
     Portfolio {

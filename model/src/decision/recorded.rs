@@ -132,6 +132,7 @@ fn exploit(mode: Mode, source: &str, neighbours: Vec<Neighbour>, explanation: &E
             state: known(&neighbours).unwrap_or(Neighbour { state_id: 0, distance: 0.0, best_cost: 0.0 }),
             gain: None,
             is_maximised: false,
+            beside_start: false,
         },
     };
     let rule = match explanation.rule {

@@ -191,29 +191,30 @@ fn of_exploit(exploit: &Exploit) -> String {
             return "The baseline must be measured before anything is explored within a budget.".into();
         }
         (ExploitSource::Default, _) => "Nothing better is known yet.".to_owned(),
-        (ExploitSource::BestKnown { tried, measurements, gain, is_maximised, .. }, _) => {
+        (ExploitSource::BestKnown { tried, measurements, gain, is_maximised, beside_start, .. }, _) => {
             let mut said = format!(
                 "Best of {tried} configurations tried in this state; its cost rests on {measurements} measurements."
             );
             if let Some(Gain { share, low: Some(low), high: Some(high), .. }) = *gain {
-                let view = view(*is_maximised);
+                let (view, default) = (view(*is_maximised), default_words(*beside_start));
                 let [share, low, high] = [share, low, high].map(|share| view.percent(share));
                 said.push_str(&match *is_maximised {
-                    true => format!(" Its value lies {share} % above the default's ({low} to {high} %)."),
-                    false => format!(" It costs {share} % less than the default ({low} to {high} %)."),
+                    true => format!(" Its value lies {share} % above {default}'s ({low} to {high} %)."),
+                    false => format!(" It costs {share} % less than {default} ({low} to {high} %)."),
                 });
             }
             said
         }
-        (ExploitSource::Incumbent { tried, gain_at_most, is_maximised }, _) => {
+        (ExploitSource::Incumbent { tried, gain_at_most, is_maximised, beside_start }, _) => {
+            let default = default_words(*beside_start);
             let tried =
                 format!("Nothing better is proven: of {tried} configurations tried in this state none");
             match gain_at_most {
                 Some(most) => {
                     let most = view(*is_maximised).percent(*most);
-                    format!("{tried} is likely to gain more than {most} % over the default.")
+                    format!("{tried} is likely to gain more than {most} % over {default}.")
                 }
-                None => format!("{tried} was shown to gain anything over the default."),
+                None => format!("{tried} was shown to gain anything over {default}."),
             }
         }
         (ExploitSource::Portfolio { states, .. }, _) => {
@@ -231,6 +232,11 @@ fn of_exploit(exploit: &Exploit) -> String {
         ExploitRule::Waiting => said + " The search waits for what others are measuring.",
         _ => said,
     }
+}
+
+/// What a gain is told over.
+fn default_words(beside_start: bool) -> &'static str {
+    if beside_start { "the client's own default" } else { "the default" }
 }
 
 /// The view in which a gain is told: by the cost, or by what is maximised, whose name stands elsewhere.
@@ -298,13 +304,19 @@ mod tests {
             state: state.clone(),
             gain: Some(gain),
             is_maximised,
+            beside_start: false,
         });
         assert!(cost.ends_with(" It costs 20.0 % less than the default (10.0 to 50.0 %)."), "{cost}");
         assert!(rate.ends_with(" Its value lies 25.0 % above the default's (11.1 to 100.0 %)."), "{rate}");
-        let incumbent =
-            |gain_at_most, is_maximised| ExploitSource::Incumbent { tried: 9, gain_at_most, is_maximised };
-        let [unknown, _] = said(|is_maximised| incumbent(None, is_maximised));
+        let incumbent = |gain_at_most, is_maximised| ExploitSource::Incumbent {
+            tried: 9,
+            gain_at_most,
+            is_maximised,
+            beside_start: is_maximised,
+        };
+        let [unknown, own] = said(|is_maximised| incumbent(None, is_maximised));
         assert!(unknown.ends_with("none was shown to gain anything over the default."), "{unknown}");
+        assert!(own.ends_with("none was shown to gain anything over the client's own default."), "{own}");
         let [cost, rate] = said(|is_maximised| incumbent(Some(0.2), is_maximised));
         assert!(
             cost.contains("more than 20.0 % over") && rate.contains("more than 25.0 % over"),

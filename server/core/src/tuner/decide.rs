@@ -404,11 +404,12 @@ impl Tuner {
         let (tried, measurements) =
             (results.tried() as u64, results.record(&configuration).map_or(0, |record| record.measurements));
         let is_maximised = self.spec.objective.view().is_maximised();
+        let beside_start = self.measured_start(state, start).is_some();
         let source = match nothing_better {
-            true => ExploitSource::Incumbent { tried, gain_at_most, is_maximised },
+            true => ExploitSource::Incumbent { tried, gain_at_most, is_maximised, beside_start },
             false => {
                 let state = Neighbour { state_id: id.get(), distance: 0.0, best_cost: cost };
-                ExploitSource::BestKnown { tried, measurements, state, gain, is_maximised }
+                ExploitSource::BestKnown { tried, measurements, state, gain, is_maximised, beside_start }
             }
         };
         Some(Exploitation { configuration, predicted_cost: Some(cost), source, rolled_back: false })

@@ -48,13 +48,14 @@ impl Tuner {
     }
 
     /// Counts a lost lease of an open trial's configuration, and returns their number in the state. It is 0
-    /// for the default, for a measured configuration, and where the client's silence says nothing.
+    /// for the default, for the client's own one, for a measured configuration, and where the client's silence
+    /// says nothing.
     fn note_lost(&mut self, number: TrialNumber) -> u32 {
         let Some(trial) = self.trials.get(number) else { return 0 };
         let (state, configuration) = (StateId(trial.state_id), trial.configuration.clone());
         let record = self.states.results(state).record(&configuration);
         let was_measured = record.is_some_and(|record| record.measurements > 0);
-        let is_default = configuration == *self.spec.space.default_ref();
+        let is_default = configuration == *self.spec.space.default_ref() || trial.decision.measures_start();
         let was_alive = trial.decision.session != 0 || trial.decision.heartbeat;
         if was_measured || is_default || !was_alive {
             0

@@ -120,8 +120,8 @@ impl Tuner {
 /// what others gain over it.
 fn unmeasured(start: &Configuration, source: ExploitSource) -> Exploitation {
     let source = match source {
-        ExploitSource::Incumbent { tried, is_maximised, .. } => {
-            ExploitSource::Incumbent { tried, gain_at_most: None, is_maximised }
+        ExploitSource::Incumbent { tried, is_maximised, beside_start, .. } => {
+            ExploitSource::Incumbent { tried, gain_at_most: None, is_maximised, beside_start }
         }
         other => other,
     };

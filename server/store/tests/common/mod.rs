@@ -163,6 +163,7 @@ fn exploited() -> Exploit {
             state: Neighbour { state_id: 1, distance: 0.0, best_cost: 12.5 },
             gain: None,
             is_maximised: false,
+            beside_start: false,
         },
         rule: ExploitRule::Dice,
         estimate: ExplorationEstimate { epsilon: Some(0.1), ..ExplorationEstimate::default() },

@@ -84,6 +84,8 @@ fn answers_are_what_is_better_than_the_start_and_are_told_over_it() {
         let trial = frame(&mut tuner, &begins_with("c", &bad()));
         assert!(trial.configuration != bad() && trial.mode() == Mode::Exploit, "{trial:?}");
     }
+    let said = frame(&mut tuner, &begins_with("c", &bad())).reason().summary;
+    assert!(said.contains("less than the client's own default"), "{said}");
     let indicators = ask("d", 0.5, 0.5).indicators;
     let mut best = |start: Option<Configuration>| {
         let start = start.map(RawConfiguration::from);
