@@ -38,7 +38,7 @@ impl StudyContext {
     }
 
     /// The same study for another client. A lock that another thread held when the process was forked stays
-    /// locked: the study then goes by its name alone, or begins with its own default.
+    /// locked: the study then goes by its name alone, or has no start.
     pub(crate) fn again(&self, core: &Arc<Core>) -> Self {
         let mut again = Self::new(core, &self.name, self.spec.clone());
         if let Ok(identified) = self.identified.try_lock() {
