@@ -8,6 +8,7 @@
 //! | `evaluation` | the paper's section 7: searches along camera paths are recorded, predictors judged by the record |
 //! | `geometry` | the hash of a scene's geometry |
 //! | `json_lines` | records on disk |
+//! | `sessions` | the sums of builds and frames of sessions in which a tree serves some frames |
 //! | `simulated` | parts of the examples' studies |
 //! | `commands` | the program `treewright-lab`: these |
 //!
@@ -21,4 +22,5 @@ pub(crate) mod fleet;
 pub(crate) mod geometry;
 pub(crate) mod json_lines;
 pub(crate) mod leave_scene_out;
+pub mod sessions;
 pub mod simulated;
