@@ -1,13 +1,16 @@
 //! The gain of choosing a lever's way for each scene, in paired rounds. Levers: ways to sample light, by the
-//! time to an error of a tenth, and ways to follow motion, by the mean frame of an episode.
+//! time to an error of a tenth, ways to follow motion, by the mean frame of an episode, and trees that serve
+//! some frames, by the time of whole sessions (see `sessions`).
 //!
-//! `cargo run --release -p treewright-lab --example levers -- --lever light|follow [--rounds N] [--width N]
-//! [--frames N] [--winners FOLDER] WORLD...` A world is a file or `builtin:NAME`; for `follow` a motion
-//! (`itself` for scenes that move by themselves) and cycles in an episode stand behind it, as in
-//! `builtin:city@sway@0.25`. Without winners a few ways to follow are compared. With a folder of files that
-//! `treewright-render tune --objective error|motion --json` wrote, named like the worlds
-//! (`city-sway-0.25.json`), every world's winner runs in every world, and each is compared with the one way
-//! that is best in all worlds of other scenes.
+//! `cargo run --release -p treewright-lab --example levers -- --lever light|follow|sessions [--rounds N]
+//! [--width N] [--frames N] [--winners FOLDER] [--session-frames N] [--trials N] [--weigh-gain] WORLD...`
+//! A world is a file or `builtin:NAME`; for `follow` a motion (`itself` for scenes that move by themselves)
+//! and cycles in an episode stand behind it, as in `builtin:city@sway@0.25`. Without winners a few ways to
+//! follow are compared. With a folder of files that `treewright-render tune --objective error|motion --json`
+//! wrote, named like the worlds (`city-sway-0.25.json`), every world's winner runs in every world, and each
+//! is compared with the one way that is best in all worlds of other scenes.
+
+mod sessions;
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -49,6 +52,7 @@ const FOLLOW: [(&str, &str); 13] = [
 enum Lever {
     Light,
     Follow,
+    Sessions,
 }
 
 /// Measures the gain of choosing a lever's way for each scene.
@@ -67,8 +71,24 @@ struct Arguments {
     /// Folder of the results of `treewright-render tune --json`, named like the worlds.
     #[arg(long)]
     winners: Option<PathBuf>,
+    /// Frames of a session, for `sessions`.
+    #[arg(long, default_value_t = 1024, value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    session_frames: u32,
+    /// Trials of a state's search in a session; the service's own default is 80.
+    #[arg(long, default_value_t = 24, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    trials: u32,
+    /// The service explores in a session only where the expected gain pays for it.
+    #[arg(long)]
+    weigh_gain: bool,
     /// Each a scene, for `follow` with its motion and cycles, as `builtin:city@sway@0.25`.
     worlds: Vec<String>,
+}
+
+impl Arguments {
+    /// Pixels across and down.
+    fn size(&self) -> [u32; 2] {
+        [self.width, self.width / 4 * 3]
+    }
 }
 
 /// A scene, and how it moves.
@@ -118,9 +138,10 @@ fn ways(arguments: &Arguments, space: &TuningSpace) -> Result<Vec<(String, Choic
     let recommended = space.default_choice();
     // The renderer's own defaults: the recommended tree with light by constants, and a quick tree for each
     // frame.
-    let plain = match arguments.lever {
-        Lever::Light => Choice { light: Default::default(), ..recommended },
-        Lever::Follow => space.choice(&parse("tree=quick,period=1")?)?,
+    let plain = if arguments.lever == Lever::Light {
+        Choice { light: Default::default(), ..recommended }
+    } else {
+        space.choice(&parse("tree=quick,period=1")?)?
     };
     let mut all = vec![("untuned".to_owned(), plain), ("recommended".to_owned(), recommended)];
     match &arguments.winners {
@@ -140,6 +161,10 @@ fn ways(arguments: &Arguments, space: &TuningSpace) -> Result<Vec<(String, Choic
     Ok(all)
 }
 
+fn view(scene: &Scene) -> View {
+    View { camera: scene.cameras[0], seed: 1000, bounces: 3 }
+}
+
 /// All ways in one world.
 fn measured(
     world: &World,
@@ -148,19 +173,18 @@ fn measured(
 ) -> Result<Vec<Standing>, Failure> {
     let scene = &world.moments[0];
     let mut renderer = Renderer::new(Arc::clone(scene), 0)?;
-    let (frames_per_build, yardstick) = match arguments.lever {
-        Lever::Light => (1000, Yardstick::Noise),
-        Lever::Follow => (1, Yardstick::Episode),
-    };
-    if arguments.lever == Lever::Follow {
+    let (frames_per_build, yardstick) = if arguments.lever == Lever::Light {
+        (1000, Yardstick::Noise)
+    } else {
         renderer.set_episode(&world.moments);
-    }
-    let view = View { camera: scene.cameras[0], seed: 1000, bounces: 3 };
+        (1, Yardstick::Episode)
+    };
+    let view = view(scene);
     let named = |name: &String| Who::Named(name.clone().into());
     let contender = |(name, choice): &(String, Choice)| Contender { who: named(name), choice: *choice };
     let contenders: Vec<Contender> = ways.iter().map(contender).collect();
-    let &Arguments { width, rounds, .. } = arguments;
-    let height = width / 4 * 3;
+    let [width, height] = arguments.size();
+    let rounds = arguments.rounds;
     let conditions = Conditions { view, width, height, rounds, frames_per_build, yardstick };
     Ok(standings(&interleaved(&mut renderer, &contenders, &conditions, || true), frames_per_build))
 }
@@ -210,6 +234,9 @@ fn in_summary(title: &str, values: &[f64], scenes: &[String]) {
 
 fn main() -> Result<(), Failure> {
     let arguments = Arguments::parse();
+    if arguments.lever == Lever::Sessions {
+        return sessions::run(&arguments);
+    }
     let preset = if arguments.lever == Lever::Light { Preset::Light } else { Preset::Follow };
     let space = TuningSpace::new(preset, &Premises::all());
     let ways = ways(&arguments, &space)?;
