@@ -1,10 +1,11 @@
 //! Objectives, and the study of each.
 
 use serde::Serialize;
-use treewright_client::{ClientError, Policy, StudySpec};
+use treewright_client::{ClientError, Measurements, Policy, StudySpec};
 
 use super::workload;
 use crate::frame::FrameTimes;
+use crate::noise::HALF_SAMPLES;
 use crate::space::{Preset, TuningSpace};
 
 /// Name of the measurement of a build, in milliseconds.
@@ -214,10 +215,76 @@ pub fn space_in_ids(space: &TuningSpace) -> String {
     space.name() + number
 }
 
+/// The raw measurements of a trial of `frames` frames, as they are reported for an objective. Those that rest
+/// on the picture's noise have its standard error.
+pub fn measurements(times: Option<FrameTimes>, frames: u32, objective: Objective) -> Measurements {
+    match times {
+        Some(times) => {
+            let undelayed_ms = objective.cost(times.undelayed());
+            let known = [
+                (BUILD_CPU_MS, times.build_cpu_ms),
+                (RENDER_CPU_MS, times.render_cpu_ms),
+                (BUILD_DELAY_MS, times.build_delay_ms),
+                (RENDER_DELAY_MS, times.render_delay_ms),
+            ];
+            let known = known.into_iter().filter_map(|(name, value)| Some((name, value?)));
+            let rendered = match objective {
+                Objective::Error => 2 * HALF_SAMPLES,
+                _ => times.frames.unwrap_or(frames),
+            };
+            let always = [
+                (BUILD_MS, times.build_ms),
+                (RENDER_MS, times.render_ms),
+                (UNDELAYED_MS, undelayed_ms),
+                ("frames", f64::from(rendered)),
+            ];
+            let reused = times.trials_before.map(|trials| (TRIALS_BEFORE, f64::from(trials)));
+            let noise = times.noise.into_iter().flat_map(|noise| {
+                [(ERROR_MS, objective.cost(times)), (RELATIVE_VARIANCE, noise.relative_variance)]
+            });
+            let trend = times.trend.map(|trend| (TREND, trend));
+            let bytes = times.structure_bytes.map(|bytes| (STRUCTURE_BYTES, bytes as f64));
+            let shared = matches!(objective, Objective::Auto(_)).then(|| (FRAME_MS, objective.cost(times)));
+            let some = [reused, trend, bytes, shared].into_iter().flatten();
+            let measured: Measurements = always.into_iter().chain(known).chain(some).chain(noise).collect();
+            let noise = times.noise.filter(|noise| noise.relative_variance > 0.0);
+            noise.into_iter().fold(measured, |measured, noise| {
+                let error_ms = objective.cost(times) * noise.standard_error / noise.relative_variance;
+                let measured = measured.with_standard_error(RELATIVE_VARIANCE, noise.standard_error);
+                measured.with_standard_error(ERROR_MS, error_ms)
+            })
+        }
+        None => Measurements::new(),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::noise::FrameNoise;
     use crate::space::Premises;
+
+    #[test]
+    fn a_trial_reports_how_many_frames_it_rendered() {
+        let frames = |objective, times| measurements(Some(times), 3, objective).get("frames");
+        let times = FrameTimes::of(5.0, 2.0);
+        assert_eq!(frames(Objective::Render, times), Some(3.0));
+        assert_eq!(frames(Objective::Motion, FrameTimes { frames: Some(24), ..times }), Some(24.0));
+        assert_eq!(frames(Objective::Error, times), Some(8.0), "two halves of four samples");
+    }
+
+    #[test]
+    fn the_time_to_an_error_has_the_standard_error_of_the_variance() {
+        let noise =
+            FrameNoise { relative_variance: 0.5, standard_error: 0.125, samples_to_error: 400.0, bias: None };
+        let times = FrameTimes { noise: Some(noise), ..FrameTimes::of(0.0, 2.0) };
+        let measured = measurements(Some(times), 1, Objective::Error);
+        assert_eq!(measured.get("error_ms"), Some(800.0));
+        let named = measured.clone().with_standard_error("error_ms", 200.0);
+        assert_eq!(named.with_standard_error("relative_variance", 0.125), measured);
+        let without = measurements(Some(FrameTimes::of(0.0, 2.0)), 1, Objective::Render);
+        assert_ne!(without.clone().with_standard_error("render_ms", 1.0), without);
+    }
 
     #[test]
     fn all_scenes_share_a_study_of_an_objective_and_a_space() {
