@@ -50,7 +50,8 @@ pub struct FrameTimes {
     /// The number of trials that the structure had served before; absent if it was built for this one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub trials_before: Option<u32>,
-    /// The number of frames whose median is the rendering time; absent if it is the requested one.
+    /// The number of frames whose median is the rendering time; absent if it is the requested one. 0 where
+    /// that time is the mean of earlier trials.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub frames: Option<u32>,
     /// Time of frames in the second half of an episode over that in its first.

@@ -49,6 +49,9 @@ pub const SHELF_BYTES_MAX: usize = 2 << 30;
 /// Most trials that one build serves.
 pub const TRIALS_PER_BUILD_MAX: u32 = 4;
 
+/// Most trials for which a search remembers the time of a build or of a frame in real time.
+pub const TRIALS_APART_MAX: u64 = 32;
+
 /// Most frames that a trial renders beyond the requested ones because its build took long.
 pub const FRAMES_PER_SLOW_BUILD_MAX: usize = 5;
 

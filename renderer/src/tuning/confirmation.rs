@@ -9,6 +9,7 @@ use std::time::Duration;
 use treewright_client::blocking::{Client, Study};
 use treewright_client::{ClientError, Configuration, OpenEnum, Rule, Source, Standing};
 
+use super::apart::Apart;
 use super::patience::{Patience, PatientTuner};
 use super::search::{self, Iteration, SearchSetting, run_choice};
 use super::verdict::Rival;
@@ -113,7 +114,8 @@ fn tell(
                 return Ok(());
             }
             let trial = patience.call(|| study.trial_of(&setting.indicators, configuration))?;
-            let (outcome, times) = run_choice(renderer, &rival.contender.choice, None, setting, &mut film);
+            let (choice, apart) = (&rival.contender.choice, &mut Apart::default());
+            let (outcome, times) = run_choice(renderer, choice, None, setting, &mut film, apart);
             trial.report(setting.measurements(times), outcome)?;
         }
     }

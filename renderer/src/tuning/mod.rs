@@ -6,6 +6,7 @@
 //! | `workload` | the indicators of a frame |
 //! | `reuse` | the number of frames that a tree serves, for the objective `auto` |
 //! | `search` | the loop itself, frame by frame |
+//! | `apart` | frames of real time that need not be rendered again |
 //! | `patience` | asking a frame ahead, and waiting for a daemon that is slow |
 //! | `ending` | the end of a search whose further trials do not pay |
 //! | `confirmation` | the best few of a search and natives against the incumbent |
@@ -15,6 +16,7 @@
 //! | `verdict` | the rivals of the winner, and the frame at which tuning pays off |
 //! | `results` | all results of a run, for JSON and the report |
 
+mod apart;
 pub mod confirmation;
 pub mod ending;
 pub mod objective;

@@ -15,11 +15,12 @@ use treewright_client::{
     Outcome, Rule, Source,
 };
 
+use super::apart::{Apart, Timed};
 use super::objective::{Objective, measurements};
 use super::patience::NextTrial;
 use crate::disturbance::{Disturbance, Watch};
 use crate::film::Film;
-use crate::frame::{FrameTimes, Renderer, milliseconds};
+use crate::frame::{FrameTimes, Ready, Renderer, milliseconds};
 use crate::integrator::View;
 use crate::limits::FRAMES_PER_SLOW_BUILD_MAX;
 use crate::scheduling::ThreadTimes;
@@ -180,6 +181,7 @@ pub(super) fn trials(
     mut on_iteration: impl FnMut(&Iteration) -> bool,
 ) -> Result<Vec<Iteration>, ClientError> {
     let mut film = Film::new(setting.width, setting.height);
+    let mut apart = Apart::default();
     let mut all = Vec::new();
     let mut previous: Option<Finished> = None;
     for number in 1..=iterations {
@@ -187,7 +189,7 @@ pub(super) fn trials(
         let suggestion = tuner.next(&setting.indicators, previous.take());
         let waiting_ms = milliseconds(begin);
         let (configuration, cap_ms) = (suggestion.configuration(), suggestion.abort_above());
-        let (outcome, times) = trial(renderer, configuration, cap_ms, setting, &mut film);
+        let (outcome, times) = trial_beside(renderer, configuration, cap_ms, setting, &mut film, &mut apart);
         let iteration = Iteration {
             number,
             trial: suggestion.trial().map(str::to_owned),
@@ -219,7 +221,7 @@ pub(super) fn trials(
 /// Costs of some frames of the baseline.
 fn reference(renderer: &mut Renderer, setting: &SearchSetting, film: &mut Film) -> Vec<f64> {
     (0..REFERENCE_FRAMES)
-        .filter_map(|_| run_choice(renderer, &setting.baseline, None, setting, film).1)
+        .filter_map(|_| run_choice(renderer, &setting.baseline, None, setting, film, &mut Apart::default()).1)
         .map(|times| setting.objective.cost(times))
         .collect()
 }
@@ -233,20 +235,34 @@ pub fn trial(
     setting: &SearchSetting,
     film: &mut Film,
 ) -> (Outcome, Option<FrameTimes>) {
+    trial_beside(renderer, configuration, cap_ms, setting, film, &mut Apart::default())
+}
+
+/// A [`trial`] after others, which may spare it a frame.
+fn trial_beside(
+    renderer: &mut Renderer,
+    configuration: &Configuration,
+    cap_ms: Option<f64>,
+    setting: &SearchSetting,
+    film: &mut Film,
+    apart: &mut Apart,
+) -> (Outcome, Option<FrameTimes>) {
     match setting.space.choice(configuration) {
-        Ok(choice) => run_choice(renderer, &choice, cap_ms, setting, film),
+        Ok(choice) => run_choice(renderer, &choice, cap_ms, setting, film, apart),
         Err(error) => (Outcome::failed(error.to_string()), None),
     }
 }
 
 /// Builds and renders one choice; see [`trial`]. Where many frames share a build, a kept structure serves
-/// again, and a slow build is followed by more frames, as many as take a tenth of its time.
+/// again, and a slow build is followed by more frames, as many as take a tenth of its time. In real time a
+/// frame that is known well enough ([`Apart`]) is not rendered.
 pub(super) fn run_choice(
     renderer: &mut Renderer,
     choice: &Choice,
     cap_ms: Option<f64>,
     setting: &SearchSetting,
     film: &mut Film,
+    apart: &mut Apart,
 ) -> (Outcome, Option<FrameTimes>) {
     match setting.objective {
         Objective::Error => return run_noisy(renderer, choice, setting),
@@ -258,6 +274,11 @@ pub(super) fn run_choice(
         Ok(ready) => ready,
         Err(error) => return (not_built(&error), None),
     };
+    let is_real_time = setting.objective == Objective::Total;
+    let build = Timed { ms: ready.build_ms, threads: ready.threads };
+    if is_real_time && let Some(frame) = apart.built(choice, build) {
+        return (Outcome::Ok, Some(times_of(renderer, ready, frame, Some(0))));
+    }
     // The time limit of a frame, so that it and its share of the build stay below the cap.
     let built = setting.objective.cost(FrameTimes::of(ready.build_ms, 0.0));
     let limit_ms = cap_ms.map(|cap_ms| cap_ms - built);
@@ -286,19 +307,26 @@ pub(super) fn run_choice(
         }
     }
     match frames.result() {
-        FrameSetResult::Measured(render_ms) => {
-            let median_delay_ms = (!delay_ms.is_empty()).then(|| Summary::of(&delay_ms).median);
-            let render = ThreadTimes { cpu_ms: Summary::of(&cpu_ms).median, delay_ms: median_delay_ms };
-            let times = FrameTimes::of(ready.build_ms, render_ms);
-            let times = times.with_threads(renderer.threads(), ready.threads, render);
-            let trials_before = (ready.trials_before > 0).then_some(ready.trials_before);
+        FrameSetResult::Measured(ms) => {
+            let delay_ms = (!delay_ms.is_empty()).then(|| Summary::of(&delay_ms).median);
+            let frame = Timed { ms, threads: ThreadTimes { cpu_ms: Summary::of(&cpu_ms).median, delay_ms } };
+            if is_real_time {
+                apart.rendered(choice, frame);
+            }
             let counted = u32::try_from(frames.counted()).unwrap_or(u32::MAX);
             let more = (counted > setting.frames.max(1)).then_some(counted);
-            let structure_bytes = renderer.structure_bytes();
-            (Outcome::Ok, Some(FrameTimes { trials_before, structure_bytes, frames: more, ..times }))
+            (Outcome::Ok, Some(times_of(renderer, ready, frame, more)))
         }
         FrameSetResult::Stopped { lower_bound } => (Outcome::aborted(built + lower_bound), None),
     }
+}
+
+/// The times of a trial in which the current structure was made ready.
+fn times_of(renderer: &Renderer, ready: Ready, frame: Timed, frames: Option<u32>) -> FrameTimes {
+    let times = FrameTimes::of(ready.build_ms, frame.ms);
+    let times = times.with_threads(renderer.threads(), ready.threads, frame.threads);
+    let trials_before = (ready.trials_before > 0).then_some(ready.trials_before);
+    FrameTimes { trials_before, structure_bytes: renderer.structure_bytes(), frames, ..times }
 }
 
 /// Builds, renders and measures the noise of one choice. The time of learning counts as a part of its build.
@@ -399,6 +427,7 @@ mod tests {
     use super::*;
     use crate::noise::FrameNoise;
     use crate::space::{Narrowing, Premises, Preset};
+    use crate::tuning::apart::testing::after;
     use crate::tuning::verdict::baseline;
     use treewright_accel::NativeQuality;
     use treewright_scene::builtin::{self, Options};
@@ -459,7 +488,8 @@ mod tests {
         // Not the baseline, which is another on each kind of processor.
         let [quick, good] = [NativeQuality::Low, NativeQuality::High].map(Choice::native);
         let mut served = |setting: &SearchSetting, choice: &Choice| {
-            let (outcome, times) = run_choice(&mut renderer, choice, None, setting, &mut film);
+            let apart = &mut Apart::default();
+            let (outcome, times) = run_choice(&mut renderer, choice, None, setting, &mut film, apart);
             assert_eq!(outcome, Outcome::Ok);
             let times = times.expect("it was measured");
             assert_eq!(
@@ -478,6 +508,28 @@ mod tests {
         assert!(turns[..4].iter().all(|(quick, _)| quick.1 == turns[0].0.1));
         setting.objective = Objective::Total;
         assert!((0..3).all(|_| served(&setting, &quick).0 == 0));
+    }
+
+    #[test]
+    fn in_real_time_a_frame_that_is_known_is_not_rendered() {
+        let (mut renderer, setting) = small(Objective::Total);
+        let mut film = Film::new(setting.width, setting.height);
+        let choice = Choice::native(NativeQuality::Low);
+        // Builds of any time that a test may take.
+        let builds_ms = [10.0, 10_000.0, 10.0, 10_000.0, 10.0];
+        let mut apart = after(&choice, &builds_ms, &[60.0, 61.0, 62.0, 61.0, 61.0]);
+        let mut run = |apart: &mut Apart| {
+            let (_, times) = run_choice(&mut renderer, &choice, None, &setting, &mut film, apart);
+            let times = times.expect("it was measured");
+            let frames = setting.measurements(Some(times)).get("frames");
+            (times.render_ms, times.build_ms < 10_000.0, frames, film.samples())
+        };
+        let (render_ms, is_own, frames, samples) = run(&mut apart);
+        assert!((render_ms - 61.0).abs() < 1e-9, "{render_ms}");
+        assert_eq!((is_own, frames, samples), (true, Some(0.0), 0));
+        let (render_ms, _, frames, samples) = run(&mut Apart::default());
+        assert!(render_ms > 0.0 && (render_ms - 61.0).abs() > 1e-9, "{render_ms}");
+        assert_eq!((frames, samples), (Some(1.0), 1));
     }
 
     #[test]
