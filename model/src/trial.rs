@@ -202,8 +202,8 @@ impl RawTrial {
     }
 
     /// Reads a trial in the space that its study has by now: `None` where it is outside. A trial from before
-    /// the last change counts as one that its client wanted: it takes nothing of the budgets of the searches,
-    /// which begin anew in the changed space and hear of its result.
+    /// the last change counts as one that its client wanted: it takes nothing of the budgets of the searches.
+    /// These start over in the changed space and learn its result.
     pub fn adopt(self, earlier: &EarlierSpaces, space: &Space) -> Result<Option<Trial>, SpaceError> {
         let revision = earlier.revision_of(self.number);
         if revision == earlier.revision() {

@@ -87,7 +87,7 @@ fn generated_code_is_that_of_the_proto_files() {
     }
     assert!(
         changed.is_empty(),
-        "{changed:?} were not those of the registry and of the .proto files and have been written anew: build again, \
+        "{changed:?} were not those of the registry and of the .proto files and have been written again: build again, \
          and commit them with the change"
     );
 }

@@ -22,8 +22,8 @@ pub use crate::tuning::objective::Yardstick;
 use crate::tuning::objective::frame_cost;
 use crate::tuning::who::{NativeUse, Who};
 
-/// Longest time that building all contenders anew may take over a measurement, in seconds; where each round
-/// would take longer together, only some rounds build.
+/// Longest time of all rebuilds of a measurement, in seconds. Where a rebuild in each round would take
+/// longer, only some rounds rebuild.
 const REBUILD_S: f64 = 60.0;
 /// Share of the time from which on a note says that frames waited for processors.
 const DELAY_NOTE_MIN: f64 = 0.02;
@@ -49,7 +49,7 @@ pub struct Conditions {
     /// Measurements of each contender.
     pub rounds: u32,
     /// The number of frames that share a build. With 1 each frame has its build, as in real-time rendering.
-    /// Otherwise each structure is built anew for each round too, as far as a minute goes, because equal
+    /// Otherwise each structure is rebuilt for each round too, as far as a minute goes, because equal
     /// configurations differ from build to build.
     pub frames_per_build: u32,
     /// The measured quantity.
@@ -194,7 +194,7 @@ impl Built {
     }
 }
 
-/// One in this number of rounds builds anew, where all builds of a round take `round_ms`.
+/// One in this number of rounds rebuilds, where all builds of a round take `round_ms`.
 fn rounds_per_build(round_ms: f64, rounds: u32) -> usize {
     assert!(round_ms >= 0.0, "builds of {round_ms} ms");
     ((round_ms * f64::from(rounds) / (1e3 * REBUILD_S)).ceil() as usize).max(1)

@@ -154,8 +154,8 @@ pub struct ServeConfig {
     #[arg(long, env = "TREEWRIGHT_DRAIN_S", default_value_t = 10, value_name = "SECONDS", value_parser = clap::value_parser!(u64).range(..=DRAIN_S), help_heading = OPERATION)]
     pub drain_s: u64,
 
-    /// Exit after this many seconds without a request, and close the files that whoever started the daemon
-    /// left open to it. Default: never.
+    /// Exit after this many seconds without a request, and close the files that the daemon inherited from its
+    /// parent. Default: never.
     #[arg(long, env = "TREEWRIGHT_IDLE_EXIT_S", value_name = "SECONDS", value_parser = clap::value_parser!(u64).range(1..), help_heading = OPERATION)]
     pub idle_exit_s: Option<u64>,
 

@@ -265,7 +265,9 @@ fn announce(
     if let Some(address) = listeners.address().filter(|address| !address.ip().is_loopback())
         && access.is_none()
     {
-        tracing::warn!("no token is asked for: whoever reaches {address} can read and change every study");
+        tracing::warn!(
+            "no token is asked for: every program that reaches {address} can read and change every study"
+        );
     }
     // Connections are queued from the moment of binding, so that a reader of this line can connect.
     let mut stdout = std::io::stdout();

@@ -129,8 +129,8 @@ where
             let code = Status::from_header_map(response.headers()).map_or(Code::Ok, |status| status.code());
             shared.refusals.metrics().answered(rule.rpc, code, since.elapsed());
             response.headers_mut().insert(REQUEST_ID, id);
-            // Whoever watches the health on a connection of its own sends nothing more. The connection lasts
-            // as long as the stream, and still makes room like every newcomer.
+            // A client that watches the health on a connection of its own sends nothing more. The connection
+            // lasts as long as the stream, and still makes room like every newcomer.
             let watching = under_way.filter(|_| rule.need == Need::Nothing);
             Ok(match &activity {
                 Some(activity) => response.map(|body| answer_body(activity, body, watching)),

@@ -310,7 +310,7 @@ mod tests {
         assert_eq!(tls.outgoing().0, 0, "what is in force has not changed");
         assert!(tls.reload().unwrap());
         assert!(!Arc::ptr_eq(&first, &tls.current()));
-        assert_eq!(tls.outgoing().0, 1, "connections to replicas are made anew");
+        assert_eq!(tls.outgoing().0, 1, "connections to replicas are made again");
 
         let second = tls.current();
         for broken in [&b""[..], b"hello", b"-----BEGIN CERTIFICATE-----\nAAAA\n-----END CERTIFICATE-----\n"]

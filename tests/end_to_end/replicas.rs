@@ -73,7 +73,7 @@ async fn clients_outlive_killed_daemons_and_a_restarted_database() {
             daemons.insert(victim, Daemon::start_at(path, &addresses[victim]));
         }
     }
-    // The last one does not come back: whoever uses it goes on with another.
+    // The last one does not come back: its clients go on with another.
     daemons.remove(0).kill();
     tokio::time::sleep(Duration::from_millis(1200)).await;
     stop.send(true).expect("the renderers listen");

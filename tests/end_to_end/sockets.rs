@@ -78,7 +78,7 @@ async fn sockets_that_the_system_opened_take_the_place_of_others() {
     assert_eq!(daemon.url(), url);
     waiting.await.expect("it was served");
     assert!(daemon.terminate().success());
-    // Whoever names no port gets that of the socket; another than the one that was checked is refused.
+    // A daemon that names no port gets that of the socket; another than the one that was checked is refused.
     let daemon = Daemon::start_by(passed(), &database);
     assert_eq!(daemon.url(), url);
     assert!(daemon.terminate().success());

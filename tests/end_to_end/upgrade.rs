@@ -1,7 +1,7 @@
 //! A database that a released version wrote opens in this one, and its searches go on where they stood.
 //!
 //! `tests/released/VERSION` holds such a database and the next answers on it (`answers.json`). Where this
-//! version gives others on purpose, they are written anew by
+//! version gives others on purpose, they are recorded again by
 //! `TREEWRIGHT_RECORD_CHANGES=1 cargo test --workspace --test end_to_end upgrade`.
 //! To record another version: check it out, then
 //! `TREEWRIGHT_RECORD=FOLDER cargo test --workspace --test end_to_end upgrade`.

@@ -256,7 +256,7 @@ fn the_rust_that_is_shown_is_compiled() {
 fn reference() -> String {
     let mut text = String::from(
         "# API reference\n\nMade from the comments of `proto/treewright/v1`, which are the contract; a test holds this page equal to \
-         them, and\n`TREEWRIGHT_WRITE_DOCS=1 cargo test --workspace --test house reference` writes it anew. The daemon serves gRPC \
+         them, and\n`TREEWRIGHT_WRITE_DOCS=1 cargo test --workspace --test house reference` writes it again. The daemon serves gRPC \
          reflection, too, so\nthat `grpcurl` finds its way without any file.\n",
     );
     for name in ["tuning", "trial", "study"] {

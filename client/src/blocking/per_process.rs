@@ -25,7 +25,7 @@ impl<T> OfProcess<T> {
             let other = self.process;
             ClientError::invalid(
                 what,
-                format!("it was begun by process {other}, before a fork; begin it anew in this one"),
+                format!("it was begun by process {other}, before a fork; begin another in this one"),
             )
         };
         let is_here = self.process == std::process::id();

@@ -304,7 +304,7 @@ impl Study {
         self.0.spec().objective.maximised().to_vec()
     }
 
-    /// How many frames make a trial; a report of one that ``suggest`` gave holds the means of so many.
+    /// Number of frames of a trial. The report of a trial from ``suggest`` holds the means over them.
     #[getter]
     fn episode_frames(&self) -> u32 {
         self.0.spec().objective.episode_frames()

@@ -211,8 +211,8 @@ impl Suggestion {
 }
 
 /// A frame loop in which report and question travel together. Used by one thread; each has a tuner of its
-/// own. Where ``episode_frames`` of the study is above 1 it gives the same trial for so many frames, at once,
-/// and reports their means; in another state it gives an unfinished one back.
+/// own. Where ``episode_frames`` of the study is above 1, it keeps a trial for that number of frames without
+/// asking, and reports their means. In another state it gives an unfinished trial back.
 #[pyclass(module = "treewright", frozen)]
 pub(crate) struct Tuner(Mutex<(blocking::Tuner, Option<Finished>)>);
 

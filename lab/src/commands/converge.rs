@@ -28,7 +28,7 @@ const MORE_HELP: &str = "\
 A reference is rendered first, with very many samples; it stands for the truth. \
 Then all contenders render the same view progressively, taking turns frame by frame. Their clocks count \
 builds and frames, and for tuned configurations also the tuning; they stand still while pictures are \
-compared with the reference. Each of --runs begins anew with other random numbers.
+compared with the reference. Each of --runs starts over with other random numbers.
 
 How to read the result:
   sooner    a baseline's time to the same error over the contender's

@@ -77,7 +77,7 @@ fn moments(record: &Record, verdict: &Verdict) -> [Vec<Moment>; 2] {
 pub(crate) fn progress(record: &Record, verdict: &Verdict) -> String {
     let [at_once, searched] = moments(record, verdict);
     let mut text = format!(
-        "<h3>Error of the tuner against run time</h3><p class=\"soft\">Cost over that of the roofline. What a search had found after so many \
+        "<h3>Error of the tuner against run time</h3><p class=\"soft\">Cost over that of the roofline. What a search had found after that number of \
          trials was measured again in the same interleaved rounds as the roofline, the default, the best fixed configuration of the other \
          scenes, and the answers on {}. Geometric means over the cameras, with intervals of 95 % by resampling cameras. Seconds are of building \
          and rendering, median of the cameras.</p>",

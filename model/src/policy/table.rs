@@ -23,16 +23,16 @@ macro_rules! policy_table {
             predictor: PredictorMethod | OpenEnum<PredictorMethod> = PredictorMethod::Auto,
                 unset "auto", in Range::Any, as "METHOD";
 
-            /// A state's search ends after so many runs, repeats among them, 1 to 100,000 (paper 7.1.1: 80).
+            /// Runs after which a state's search ends, repeats included, 1 to 100,000 (paper 7.1.1: 80).
             trials_per_state: u32 | u32 = 80, unset "80", in Range::Within(1.0, TRIALS_PER_STATE_MAX as f64), as "COUNT";
 
             /// How often one configuration is measured in one state before the search goes on, 1 to 100.
             replicates: u32 | u32 = 1, unset "1", in Range::Within(1.0, REPLICATES_MAX as f64), as "COUNT";
 
-            /// A lease lasts so many seconds unless it is extended, 1 to 86,400.
+            /// Seconds that a lease lasts unless it is extended, 1 to 86,400.
             lease_s: u32 | u32 = 60, unset "60", in Range::Within(1.0, LEASE_S_MAX as f64), as "SECONDS";
 
-            /// After so many visits to a state epsilon is halved there, 0 to 1,000,000; 0 leaves it constant.
+            /// Number of visits to a state that halve epsilon there, 0 to 1,000,000; 0 leaves it constant.
             ///
             /// It is `epsilon h / (h + n)` after `n` visits, which never stops exploring and lets it become
             /// rare (Singh, Jaakkola, Littman and Szepesvári, "Convergence results for single-step on-policy
@@ -44,8 +44,7 @@ macro_rules! policy_table {
             /// The guarantee needs clients that stop trials in time (`SuggestRequest.can_abort`).
             regret_budget: Option<f64> | f64 = None, unset "no limit", in Range::Within(0.0, 1.0), as "SHARE";
 
-            /// Exploring trials are told to stop when they cost more than the reference by this factor, above
-            /// 1.
+            /// Multiple of the reference's cost above which an exploring trial shall stop, above 1.
             abort_above: Option<f64> | f64 = None,
                 unset "2 where a budget is kept, else 4 for clients that stop trials in time",
                 in Range::Above(1.0, COST_FACTOR_MAX), as "FACTOR";
@@ -69,20 +68,20 @@ macro_rules! policy_table {
             /// whose one state nobody ever leaves, are explored in this way whatever this field says.
             offline: bool | bool = false, unset "false", in Range::Any, as "BOOL";
 
-            /// The first so many trials of each session of a client are not learnt, 0 to 10,000.
+            /// Number of trials at the start of each session of a client that are not learnt, 0 to 10,000.
             warm_up: u32 | u32 = 0, unset "0", in Range::Within(0.0, WARM_UP_MAX as f64), as "COUNT";
 
             /// A configuration that does clearly worse where it is exploited than another that was measured
             /// there gives way to it at once.
             roll_back: bool | bool = true, unset "true", in Range::Any, as "BOOL";
 
-            /// Once a state's search has ended, its best few configurations run against the default in at
-            /// most so many rounds, 0 to 100; 0 leaves that out.
+            /// Most rounds in which a state's best few configurations run against the default, once its
+            /// search has ended, 0 to 100; 0 leaves that out.
             ///
             /// They add no configuration, so they do not count among `trials_per_state`. All run in the first
             /// ten rounds; where the machine is noisy the best one goes on alone, until a gain of 2 % could
-            /// be seen. A race ends as soon as one is proven better, or none can gain anything worth telling
-            /// any more.
+            /// be seen. A race ends as soon as one is proven better, or none can gain a noticeable amount any
+            /// more.
             confirm_rounds: u32 | u32 = 40, unset "40", in Range::Within(0.0, CONFIRM_ROUNDS_MAX as f64), as "COUNT";
 
             /// The incumbent is measured again now and then while a state is searched, and costs are divided

@@ -246,9 +246,9 @@ pub struct Objective {
     /// must be above 0. OPTIONAL, distinct.
     #[prost(string, repeated, tag = "4")]
     pub maximised: ::prost::alloc::vec::Vec<::prost::alloc::string::String>,
-    /// Frames of a trial, for costs that rise or fall while a configuration is in use. A report holds the means of its frames;
-    /// of a maximised metric, the harmonic mean. `Trial.abort_above` is a bound of the mean. The SDKs' frame loops keep a
-    /// configuration for so many frames, and report then. OPTIONAL, 1 to 64; 0 means 1.
+    /// Frames of a trial, for costs that rise or fall while a configuration is in use. A report holds the means of its
+    /// frames; of a maximised metric, the harmonic mean. `Trial.abort_above` is a bound of the mean. The SDKs' frame loops
+    /// keep a configuration for that number of frames, and report then. OPTIONAL, 1 to 64; 0 means 1.
     #[prost(uint32, tag = "5")]
     pub episode_frames: u32,
     /// Cheaper levels at which a trial can run, such as fewer samples or a shorter input, the cheapest first. The search
@@ -325,9 +325,9 @@ pub struct Policy {
     /// means no limit. It is guaranteed for clients that stop trials in time (`SuggestRequest.can_abort`).
     #[prost(double, optional, tag = "9")]
     pub regret_budget: ::core::option::Option<f64>,
-    /// Exploring trials are told to stop when their cost exceeds that of the reference by this factor
-    /// (`Trial.abort_above`). OPTIONAL, above 1, at most 1000000; unset means 2 with a regret budget, else 4 for clients that
-    /// stop trials in time (`SuggestRequest.can_abort`), and never for others.
+    /// Exploring trials shall stop when their cost exceeds that of the reference by this factor (`Trial.abort_above`).
+    /// OPTIONAL, above 1, at most 1000000; unset means 2 with a regret budget, else 4 for clients that stop trials in time
+    /// (`SuggestRequest.can_abort`), and never for others.
     #[prost(double, optional, tag = "10")]
     pub abort_above: ::core::option::Option<f64>,
     /// The highest cost assumed for a trial of a client that cannot stop it, as a multiple of the reference. Only used with
@@ -352,11 +352,11 @@ pub struct Policy {
     /// by it at once. OPTIONAL; unset means true.
     #[prost(bool, optional, tag = "16")]
     pub roll_back: ::core::option::Option<bool>,
-    /// Once a state's search has ended, its best few configurations run against the default in at most so many rounds, as
-    /// ordinary trials of the rule CONFIRMING. They add no configuration and do not count among `trials_per_state`. All run in
-    /// the first ten rounds; where the machine is noisy the best one goes on alone, until a gain of 2 % could be seen. The race
-    /// ends as soon as one is proven better, or none can be better by more than a negligible amount. OPTIONAL, 0 to 100; 0
-    /// leaves it out, unset means 40.
+    /// Most rounds in which the best few configurations of a state run against the default, once its search has ended.
+    /// They are ordinary trials of the rule CONFIRMING. They add no configuration and do not count among
+    /// `trials_per_state`. All run in the first ten rounds; where the machine is noisy the best one goes on alone, until a
+    /// gain of 2 % could be seen. The race ends as soon as one is proven better, or none can be better by more than a
+    /// negligible amount. OPTIONAL, 0 to 100; 0 leaves it out, unset means 40.
     #[prost(uint32, optional, tag = "20")]
     pub confirm_rounds: ::core::option::Option<u32>,
     /// The incumbent is measured again now and then while a state is searched, and costs are divided by how fast the
@@ -847,7 +847,7 @@ pub enum Rule {
     Waiting = 12,
     /// The search is over, and its best few run against the incumbent: this is one of them, or the incumbent itself.
     Confirming = 20,
-    /// Measured again while others are explored: the incumbent, by which the speed of the machine is told.
+    /// Measured again while others are explored: the incumbent, which shows the speed of the machine.
     Incumbent = 21,
 }
 impl Rule {
@@ -1061,8 +1061,8 @@ pub struct SessionPolicy {
     /// Measured configurations after which a state's search ends, for this session. OPTIONAL, 1 to 100000.
     #[prost(int32, optional, tag = "2")]
     pub trials_per_state: ::core::option::Option<i32>,
-    /// Exploring trials are told to stop when their cost exceeds that of the reference by this factor. Where the study keeps
-    /// a regret budget, its own factor holds. OPTIONAL, above 1, at most 1000000.
+    /// Exploring trials shall stop when their cost exceeds that of the reference by this factor. Where the study keeps a
+    /// regret budget, its own factor holds. OPTIONAL, above 1, at most 1000000.
     #[prost(double, optional, tag = "3")]
     pub abort_above: ::core::option::Option<f64>,
     /// From then on, by the daemon's clock, nothing is explored any more. OPTIONAL.
@@ -1709,9 +1709,9 @@ pub mod tuning_service_client {
         }
         /// Changes a study's space: the ranges, values, parameters and constraints. The study and its trials stay. Every trial
         /// keeps what it ran with, and is read in the new space: a parameter without a value has the one that all trials had
-        /// before it was added, and a value of a removed parameter must be the one that all trials have from then on. Trials that
-        /// are then outside the space stay in the log and are left out of models and answers, until another change takes them in
-        /// again. The states' searches begin anew, with all that is known, and with their whole budgets.
+        /// before it was added, and a value of a removed parameter must be the one that all trials have from then on. Trials
+        /// that are then outside the space stay in the log and are left out of models and answers, until another change takes
+        /// them in again. The states' searches start over, with all that is known, and with their whole budgets.
         ///
         /// A client that created or found the study with an earlier space, and says so (`SuggestRequest.space_revision`), gets
         /// configurations that it knows, and its results count in the new space.
@@ -1918,12 +1918,12 @@ pub mod tuning_service_client {
                 .insert(GrpcMethod::new("treewright.v1.TuningService", "ExtendLease"));
             self.inner.unary(req, path, codec).await
         }
-        /// Excludes a completed trial, because its measurement was wrong or its machine disturbed, or counts it again. It stays in
-        /// the log with all its data, and a report that is repeated is answered as before; no table, model, search, best
-        /// configuration or standing rests on it. The study is read again without it, and its searches go on with what is left.
-        /// Where retention removed older trials, what they alone had told is forgotten by that. Idempotent; another reason
-        /// replaces the one before.
-        /// Errors: NOT_FOUND; FAILED_PRECONDITION when the trial is not completed; INVALID_ARGUMENT (the reason).
+        /// Excludes a completed trial, because its measurement was wrong or its machine disturbed, or counts it again. It
+        /// stays in the log with all its data, and a report that is repeated is answered as before; no table, model, search,
+        /// best configuration or standing rests on it. The study is read again without it, and its searches go on with what is
+        /// left. Where retention removed older trials, this forgets what was known from them alone. Idempotent; another reason
+        /// replaces the one before. Errors: NOT_FOUND; FAILED_PRECONDITION when the trial is not completed; INVALID_ARGUMENT
+        /// (the reason).
         pub async fn exclude_trial(
             &mut self,
             request: impl tonic::IntoRequest<super::ExcludeTrialRequest>,
@@ -2068,9 +2068,9 @@ pub mod tuning_service_server {
         ) -> std::result::Result<tonic::Response<super::Study>, tonic::Status>;
         /// Changes a study's space: the ranges, values, parameters and constraints. The study and its trials stay. Every trial
         /// keeps what it ran with, and is read in the new space: a parameter without a value has the one that all trials had
-        /// before it was added, and a value of a removed parameter must be the one that all trials have from then on. Trials that
-        /// are then outside the space stay in the log and are left out of models and answers, until another change takes them in
-        /// again. The states' searches begin anew, with all that is known, and with their whole budgets.
+        /// before it was added, and a value of a removed parameter must be the one that all trials have from then on. Trials
+        /// that are then outside the space stay in the log and are left out of models and answers, until another change takes
+        /// them in again. The states' searches start over, with all that is known, and with their whole budgets.
         ///
         /// A client that created or found the study with an earlier space, and says so (`SuggestRequest.space_revision`), gets
         /// configurations that it knows, and its results count in the new space.
@@ -2141,12 +2141,12 @@ pub mod tuning_service_server {
             &self,
             request: tonic::Request<super::ExtendLeaseRequest>,
         ) -> std::result::Result<tonic::Response<super::Trial>, tonic::Status>;
-        /// Excludes a completed trial, because its measurement was wrong or its machine disturbed, or counts it again. It stays in
-        /// the log with all its data, and a report that is repeated is answered as before; no table, model, search, best
-        /// configuration or standing rests on it. The study is read again without it, and its searches go on with what is left.
-        /// Where retention removed older trials, what they alone had told is forgotten by that. Idempotent; another reason
-        /// replaces the one before.
-        /// Errors: NOT_FOUND; FAILED_PRECONDITION when the trial is not completed; INVALID_ARGUMENT (the reason).
+        /// Excludes a completed trial, because its measurement was wrong or its machine disturbed, or counts it again. It
+        /// stays in the log with all its data, and a report that is repeated is answered as before; no table, model, search,
+        /// best configuration or standing rests on it. The study is read again without it, and its searches go on with what is
+        /// left. Where retention removed older trials, this forgets what was known from them alone. Idempotent; another reason
+        /// replaces the one before. Errors: NOT_FOUND; FAILED_PRECONDITION when the trial is not completed; INVALID_ARGUMENT
+        /// (the reason).
         async fn exclude_trial(
             &self,
             request: tonic::Request<super::ExcludeTrialRequest>,

@@ -79,7 +79,7 @@ pub enum BuildError {
         max_depth: u32,
     },
     /// A structure was asked to follow triangles that are not its own.
-    #[error("the structure has {before} triangles and cannot be updated to {now}: build it anew")]
+    #[error("the structure has {before} triangles and cannot be updated to {now}: rebuild it")]
     OtherTriangles {
         /// Triangles it has.
         before: usize,
@@ -87,7 +87,7 @@ pub enum BuildError {
         now: usize,
     },
     /// A structure was asked to follow instances that do not place its objects in its order.
-    #[error("the structure has other objects or instances and cannot be updated to these: build it anew")]
+    #[error("the structure has other objects or instances and cannot be updated to these: rebuild it")]
     OtherInstances,
     /// Memory ran out.
     #[error("memory ran out while the structure was built")]

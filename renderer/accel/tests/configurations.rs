@@ -110,7 +110,7 @@ impl Case {
     }
 }
 
-/// Checks so many values of a strategy, the same ones every time.
+/// Checks `cases` values of a strategy, equal in every run.
 fn each<S: Strategy>(cases: u32, values: &S, check: impl Fn(S::Value)) {
     let settings = ProptestConfig { cases, failure_persistence: None, ..ProptestConfig::default() };
     let mut runner = proptest::test_runner::TestRunner::new_with_rng(

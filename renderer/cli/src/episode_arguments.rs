@@ -29,7 +29,7 @@ impl EpisodeArguments {
     /// Gives the renderer the episode, where motion is tuned, and returns its effect on a structure.
     ///
     /// # Errors
-    /// Nothing moves in the scene, it is too large for so many frames, or it cannot be built.
+    /// Nothing moves in the scene, it is too large for the episode's frames, or it cannot be built.
     pub(crate) fn prepare(
         self,
         objective: Objective,

@@ -24,7 +24,7 @@ const PROBES: usize = 8;
 const PLACES_MIN: usize = 4;
 const COVERED_MIN: f32 = 0.9;
 
-/// The grid is made finer by this factor, at most so many times.
+/// The grid is made finer by the factor `FINER`, at most `REFINEMENTS` times.
 const FINER: f32 = 1.4;
 const REFINEMENTS: u32 = 12;
 

@@ -41,14 +41,14 @@ pub(super) fn parameters() -> Vec<Explained> {
             "period",
             1..=i64::from(NEVER),
             i64::from(NEVER),
-            "after so many frames all is built anew, 64 means never; in between boxes are fitted to what moved",
+            "number of frames after which all is rebuilt, 64 means never; in between boxes are fitted to what moved",
         )
         .log(),
         float(
             "repair_above",
             1.02..=4.0,
             1.15,
-            "how many times the cost at its last build a part may have before it is built anew",
+            "how many times the cost at its last build a part may have before it is rebuilt",
         )
         .log()
         .only_while("tree", own),

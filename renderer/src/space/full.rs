@@ -165,7 +165,7 @@ fn tunable(premises: &Premises) -> Vec<Explained> {
             "flatten_below",
             [0, 10_000, 300_000, 10_000_000],
             0,
-            "objects with at most so many triangles, counted once an instance, are copied into one tree",
+            "objects with at most this number of triangles, counted once an instance, are copied into one tree",
         )));
         all.push(tunable(choice(
             "instance_opening",

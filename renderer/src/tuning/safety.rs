@@ -10,7 +10,7 @@ use crate::statistics::Summary;
 /// Frames that cost more than this many times the start are dear.
 pub const DEAR_ABOVE: f64 = 1.1;
 
-/// A session is taken for safe once at most one of so many frames was dear.
+/// A session counts as safe once at most one in this number of frames was dear.
 const FRAMES_PER_DEAR: u64 = 20;
 
 /// Trials of the start that suffice for its cost during a search.

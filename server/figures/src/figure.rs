@@ -161,7 +161,7 @@ impl Figure {
         }
     }
 
-    /// Words at a place, cut to so many letters; a pointer shows all of them.
+    /// Words at a place, cut to `most` letters; a pointer shows all of them.
     fn label(&mut self, [x, y]: [f64; 2], anchor: &str, words: &str, most: usize) {
         if words.chars().count() <= most {
             return self.text([x, y], anchor, words);

@@ -306,7 +306,7 @@ mod tests {
 
     use super::*;
 
-    /// Whoever holds the set learns of each task that ends.
+    /// The holder of the set learns of each task that ends.
     #[tokio::test]
     async fn every_listener_has_a_task_in_the_set() {
         let folder = tempfile::tempdir().expect("a folder");

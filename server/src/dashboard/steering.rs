@@ -315,7 +315,7 @@ mod tests {
             assert!(!is_own(bad), "{bad:?}");
         }
         assert!(!may_steer(&Caller::Anyone));
-        // Whoever logs in by a program has no token to show.
+        // A program that logs in has no token to show.
         assert!(!is_foreign_form(&headers(&[host])));
         assert!(!is_foreign_form(&headers(&[host, ("origin", "http://127.0.0.1:8080")])));
         assert!(is_foreign_form(&headers(&[host, ("origin", "http://evil.example")])));

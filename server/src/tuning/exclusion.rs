@@ -1,7 +1,7 @@
 //! Trials that are excluded from all that is learnt, and count again.
 //!
 //! The mark is one column of the trial, whose measurements stay as they are. The tuner drops what rests on
-//! the trial and is kept in rows of its own, and the study is read anew from the trials that count.
+//! the trial and is kept in rows of its own, and the study is read again from the trials that count.
 
 use treewright_core::trial::{RawTrial, TrialState};
 use treewright_core::tuner::TunerError;

@@ -173,7 +173,7 @@ impl Tuning {
                 Queued::Refused(error) => return Err(error),
                 Queued::Closed(mark) => {
                     let stored = self.closed_trial(&report.trial, mark.receipt).await?;
-                    // Whoever reports must not believe that it is stored.
+                    // The client that reports must not believe that it is stored.
                     if Tuner::gave_up(&stored) {
                         return Err(TunerError::GivenUp(stored.number).into());
                     }

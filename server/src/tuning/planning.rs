@@ -281,7 +281,7 @@ mod tests {
         for number in 0..4 {
             frame(&tuning, "two", 0.2 * f64::from(number)).await;
         }
-        assert_eq!(is_behind(), Some(true), "whoever has the turn computes");
+        assert_eq!(is_behind(), Some(true), "the holder of the turn computes");
         drop(turn);
         frame(&tuning, "three", 0.9).await;
         assert_eq!(is_behind(), Some(false));

@@ -331,7 +331,7 @@ impl StateRow {
 fn readable<E: std::fmt::Display>(state: i64, search: Result<Exploration, E>) -> Option<Exploration> {
     search
         .inspect_err(
-            |error| tracing::warn!(state, %error, "the search of a state cannot be read and begins anew"),
+            |error| tracing::warn!(state, %error, "the search of a state cannot be read and starts over"),
         )
         .ok()
 }

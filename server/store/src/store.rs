@@ -220,13 +220,13 @@ pub trait Store: Send + Sync + 'static {
 
     /// Queues a new space of a study, with its policy as it is in that space, and the spaces before. The
     /// searches of all states and the checkpoint are dropped, because they are of another space. The tuner
-    /// must be loaded anew.
+    /// must be loaded again.
     fn change_space(&self, fence: &Fence, spec: &StudySpec, earlier: &EarlierSpaces) -> Receipt {
         self.queue(fence, StudyWrite::Space(spec, earlier))
     }
 
     /// Queues that a completed trial is excluded for a reason, or counts again without one. The checkpoint is
-    /// dropped, because it rests on other trials. The tuner must be loaded anew.
+    /// dropped, because it rests on other trials. The tuner must be loaded again.
     fn exclude_trial(&self, fence: &Fence, number: u64, reason: Option<&str>) -> Receipt {
         self.queue(fence, StudyWrite::Exclude(number, reason))
     }

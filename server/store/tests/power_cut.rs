@@ -173,7 +173,7 @@ async fn cuts(seed: u64) -> u32 {
     let (mut round, mut restarts, mut lost) = (0, 0, 0);
     while restarts < 2 {
         round += 1;
-        assert!(round < 2000, "the log is never begun anew");
+        assert!(round < 2000, "the log is never begun again");
         let acknowledged = writer.last_trial;
         writer.work(&mut dice).await;
         let after = Image::read(&database);

@@ -46,7 +46,7 @@ impl NativeInstances {
         Ok(Self { top, objects, first, instances: Arc::clone(instances), options: *options })
     }
 
-    /// Updates the scenes of objects that move, then makes the scene of instances anew: they refer to the
+    /// Updates the scenes of objects that move, then rebuilds the scene of instances: they refer to the
     /// objects' scenes, and may have moved.
     pub(crate) fn update(
         &mut self,

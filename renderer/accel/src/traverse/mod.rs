@@ -50,7 +50,7 @@ type LevelOccluded = unsafe fn(&Root, &Lower, NodeRef, &Ray) -> bool;
 pub(crate) struct Kernels {
     closest: ClosestBelow,
     occluded: OccludedBelow,
-    /// For any number of rays, so many of them in flight at most.
+    /// For any number of rays; the `usize` is the number of them in flight at most.
     flight_closest: unsafe fn(&Root, usize, &[Ray], &mut [Option<Hit>]),
     flight_occluded: unsafe fn(&Root, usize, &[Ray], &mut [bool]),
     packet_closest: PacketClosest,

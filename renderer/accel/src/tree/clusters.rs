@@ -134,7 +134,7 @@ fn nearest<const R: usize, const P: usize>(clusters: &Clusters, base: usize, bes
                 keys[lane] = (area.to_bits() & !mask) | ((start + lane) ^ (other + lane)) as u32;
             }
             let of_other: &mut [u32; LANES] =
-                (&mut best[other..other + LANES]).try_into().expect("so many lanes");
+                (&mut best[other..other + LANES]).try_into().expect("a slice of LANES");
             for lane in 0..LANES {
                 of_start[lane] = of_start[lane].min(keys[lane]);
                 of_other[lane] = of_other[lane].min(keys[lane]);

@@ -135,9 +135,9 @@ impl Level {
         Ok(level)
     }
 
-    /// Fits the level to the same places, moved, of objects that rest. Returns false, and has to be built
-    /// anew, where there is none, its cost has grown beyond `most` times that of its build, or memory ran
-    /// out.
+    /// Fits the level to its places, which moved, of objects that rest. Returns false where there is no tree,
+    /// its cost has grown beyond `most` times that of its build, or memory ran out. The level must then be
+    /// rebuilt.
     pub(super) fn fit(&mut self, places: &[Place], most: f64) -> bool {
         let Some(upper) = &mut self.upper else {
             return false;

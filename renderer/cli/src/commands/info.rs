@@ -211,7 +211,7 @@ fn about(preset: Preset) -> &'static str {
         }
         Preset::Follow => {
             "How structures follow scenes that move (tune --objective motion): which tree is built, after how many frames it \
-             is built anew, and when parts of it are. Pictures are the same."
+             is rebuilt, and when parts of it are. Pictures stay equal."
         }
     }
 }

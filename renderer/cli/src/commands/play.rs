@@ -4,8 +4,8 @@
 //! little or answers at once by a prediction. In progressive rendering a structure is kept as long as the
 //! configuration does not change; in real-time rendering each frame builds its own.
 //!
-//! With `--rounds` the scene moves as well, and the structure follows: parts that have decayed are built
-//! anew, in the paper's space all of it.
+//! With `--rounds` the scene moves as well, and the structure follows: parts that have decayed are rebuilt,
+//! in the paper's space all of it.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -535,7 +535,7 @@ mod tests {
         assert_eq!(id(&full, Start::Recommended, false), study_id(Objective::Total, &full));
         assert_eq!(id(&full, Start::Recommended, true), "total-full-3-moving");
         assert_eq!(id(&full, Start::Native, true), "total-full-3-moving-from-native");
-        // There all is built anew.
+        // There all is rebuilt.
         assert_eq!(id(&TuningSpace::paper(), Start::Recommended, true), "total-paper");
     }
 

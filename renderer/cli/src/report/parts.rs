@@ -297,8 +297,8 @@ pub(super) fn what_was_tuned(results: &TuningResults) -> &'static str {
              light is controlled by a few numbers and switches; what counts is the time until the noise is below an error."
         }
         Preset::Follow => {
-            "Where things move, the nested boxes that a ray tracer sorts triangles into have to follow. They can be built anew for each \
-             frame, which is dear, or fitted to what moved, which is cheap until they overlap; or only what decays is built anew. Which \
+            "Where things move, the nested boxes that a ray tracer sorts triangles into have to follow. They can be rebuilt for each \
+             frame, which is dear, or fitted to what moved, which is cheap until they overlap; or only what decays is rebuilt. Which \
              tree is built, how often, and what is repaired in between is controlled by three numbers and choices."
         }
         Preset::Full => {

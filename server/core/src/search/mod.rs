@@ -194,7 +194,7 @@ pub trait Search {
     fn adopt(&mut self, _plan: PlannedPoint) {}
 }
 
-/// After a point with a new set-up, at most so many further ones keep it, where a client searches alone.
+/// Most points that keep the set-up of the point before them, where a client searches alone.
 pub const SETUP_HELD: usize = 2;
 
 fn setup_held() -> usize {

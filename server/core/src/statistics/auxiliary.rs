@@ -67,7 +67,7 @@ pub struct Denoiser {
     weight: f64,
 }
 
-/// Means over `count` observations of one configuration, or differences that count as so many.
+/// Means over `count` observations of one configuration, or differences that weigh as much.
 #[derive(Default)]
 pub(super) struct Row {
     pub(super) count: f64,

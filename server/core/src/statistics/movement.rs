@@ -196,7 +196,7 @@ mod tests {
         (error(&corrected), error(&|one| one.log_cost))
     }
 
-    /// Sums of such errors over searches in which a camera moves costs by so many per cent at the ends.
+    /// Sums of such errors over searches in which a camera moves costs by `percent` at the ends.
     fn summed_errors(percent: f64) -> (f64, f64) {
         (0..20).fold((0.0, 0.0), |(corrected, raw), seed| {
             let (measurements, truths) = search(seed, percent);

@@ -23,7 +23,8 @@ const OBSERVATIONS_MAX: usize = 128;
 /// every `DOUBTED_EVERY` tried configurations, until it has `DOUBTED_UNTIL` measurements.
 const DOUBTED_EVERY: u64 = 3;
 const DOUBTED_UNTIL: u64 = 3;
-/// Where nothing else was measured and so many configurations were stopped, the incumbent is measured again.
+/// Number of stopped configurations after which the incumbent is measured again, where nothing else was
+/// measured.
 const STOPPED_BESIDE: usize = 3;
 
 /// The best [`LEADERS`] that are not yet clearly better than the incumbent are measured again once

@@ -70,7 +70,7 @@ impl Tuner {
         self.trials.hold_by(number, self.trials.get(number)?.decision.session, lost_leases);
         let reason = format!(
             "{lost_leases} leases of this configuration were lost in this state and it was never measured there: \
-             whoever runs it crashes or hangs"
+             a client that runs it crashes or hangs"
         );
         let trial = self.trials.get(number)?;
         let completed =

@@ -119,9 +119,9 @@ impl Visits {
         Some(visit.client_id)
     }
 
-    /// Gives up what clients in a state rest on, because its results are not believed any more: what they
-    /// exploit is decided anew at their next questions, and the references of their accounts are measured
-    /// anew. Returns the clients that are forgotten for that, and the changed visits of those that keep an
+    /// Gives up what clients in a state rest on, because its results are not believed any more. What they
+    /// exploit is decided again at their next questions, and the references of their accounts are measured
+    /// again. Returns the clients that are forgotten for that, and the changed visits of those that keep an
     /// account.
     pub(super) fn disown(&mut self, state: StateId) -> (Vec<String>, Vec<Visit>) {
         let (mut forgotten, mut changed) = (Vec::new(), Vec::new());

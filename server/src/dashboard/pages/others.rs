@@ -101,7 +101,7 @@ async fn ask(peer: &DashboardPeer) -> Result<Vec<IndexRow>, String> {
     let answer = sender.send_request(request).await.map_err(said)?;
     match answer.status() {
         StatusCode::OK => {}
-        // A dashboard leads whoever shows no good token to its log-in.
+        // A dashboard leads a client without a good token to its log-in.
         StatusCode::SEE_OTHER | StatusCode::UNAUTHORIZED => {
             return Err("it asks for a token that it knows; see --dashboard-token-files".to_owned());
         }
@@ -155,7 +155,7 @@ mod tests {
                 if answer.is_empty() {
                     tokio::time::sleep(Duration::from_secs(60)).await;
                 }
-                // Whoever gives up does not read the rest.
+                // A client that gives up does not read the rest.
                 let _ = stream.write_all(answer.as_bytes()).await;
             }
         });

@@ -96,7 +96,7 @@ async fn beat(shared: &SharedState, session: Option<PgConnection>) -> Result<PgC
         sqlx::query(sql::REPLICA_DELETE).bind(me).execute(&mut connection).await?;
         let new_id = register(&mut connection, &shared.advertised).await?;
         debug_assert_ne!(new_id, me, "who holds the earlier id would hold its studies");
-        tracing::warn!(replica = new_id, earlier = me, "registered anew; every study is loaded again");
+        tracing::warn!(replica = new_id, earlier = me, "registered again; every study is loaded again");
         shared.become_replica(new_id);
     }
     sqlx::query(sql::REPLICAS_REAP)

@@ -116,7 +116,7 @@ impl Layout {
         self.setup = if needs.len() < space.dimension() { needs } else { Vec::new() };
     }
 
-    /// Axes that count as numbers in 0..1 or, where `levels` is not 0, as choices between so many values of
+    /// Axes that count as numbers in 0..1 or, where `levels` is not 0, as choices between `levels` values of
     /// equal shares.
     #[cfg(test)]
     pub(crate) fn plain(default: Vec<f64>, levels: &[u32]) -> Self {

@@ -39,7 +39,7 @@ proptest! {
         rows.write(&tuner.disown(state_id));
         let exploits = |visit: &Visit| matches!(visit.decision, VisitDecision::Exploit { .. });
         let rests = |visit: &Visit| visit.state_id == state_id && exploits(visit);
-        prop_assert!(!rows.snapshot(&tuner).visits.iter().any(rests), "it is decided anew");
+        prop_assert!(!rows.snapshot(&tuner).visits.iter().any(rests), "it is decided again");
         let mut without = marked.clone();
         marked[at].exclusion = Some("the machine was disturbed".to_owned());
         without.remove(at);

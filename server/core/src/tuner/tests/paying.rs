@@ -62,8 +62,8 @@ fn who_wants_a_longer_search_is_told_what_that_is_expected_to_gain() {
     assert_eq!(trial.mode(), Mode::Explore);
     let prospect = prospect_of(&tuner).expect("the longer search has an outlook");
     assert!(prospect.gain > 0.0, "{prospect:?}");
-    // Its wish ends with it: the session that ends its search, and whoever comes without wishes, is told of
-    // none.
+    // Its wish ends with it: neither the session that ends its search nor a client without wishes hears of
+    // one.
     let ends = SessionPolicy { trials_per_state: Some(1), ..wishes };
     let _ = tuner.suggest(&Ask { session_policy: ends, ..ask("b", 0.5, 0.5) }, 2).expect("a trial");
     assert_eq!(prospect_of(&tuner), None);
