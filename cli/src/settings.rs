@@ -240,7 +240,7 @@ mod tests {
         for url in ["http://b:1", "unix:/run/a.sock,http://b:1", "local"] {
             assert_eq!(read(&["--server", url]), left_out, "{url}");
         }
-        // Who gives one with the address means this daemon, and is told.
+        // A user who gives one with the address means this daemon, and gets an error.
         let given = read(&["--server", "http://b:1", "--tls-ca", "f"]);
         assert_eq!(given, ([true; 3], "the command line"));
     }

@@ -92,8 +92,8 @@ impl FrontLoop {
         self.lock().history.front().metrics().map(str::to_owned).collect()
     }
 
-    /// The next run; the same one until it is told or given back. `None` once the planned runs are done, or
-    /// nothing more is to be tried.
+    /// The next run. It stays that run until it is reported or given back. `None` once the planned runs are
+    /// done, or nothing more is to be tried.
     ///
     /// # Errors
     /// [`ClientError::Refused`], [`ClientError::Away`], [`ClientError::Late`].
@@ -148,7 +148,7 @@ impl FrontLoop {
         self.client.give_back(&trial.name).map(drop)
     }
 
-    /// The front of all runs so far on this machine. The hypervolume is told beside the default.
+    /// The front of all runs so far on this machine. The hypervolume refers to the default.
     #[must_use]
     pub fn found(&self) -> ParetoFront {
         let runs = self.lock();

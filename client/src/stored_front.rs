@@ -18,8 +18,7 @@ pub struct FrontQuery {
     pub front: Option<Front>,
     /// The number of a state. Needed where trials are of several inputs or machines: these do not compare.
     pub state: Option<i64>,
-    /// A value of each metric, above 0, beside which the hypervolume is told; `None` for those of the
-    /// default.
+    /// A value of each metric, above 0, to which the hypervolume refers; `None` for those of the default.
     pub reference: Option<Vec<f64>>,
 }
 

@@ -218,8 +218,8 @@ impl Front {
     }
 
     /// The front of runs of one machine, each with all that it measured; those count that measured every
-    /// metric. The hypervolume is told beside `reference`, a value of each metric in its own unit, or else
-    /// beside the default.
+    /// metric. The hypervolume refers to `reference`, a value of each metric in its own unit, or else to the
+    /// default.
     #[must_use]
     pub fn of<'a>(
         &self,

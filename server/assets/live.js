@@ -1,5 +1,5 @@
 // Keeps what is marked `data-live` up to date: an event of the server says that something has changed, and the page is
-// fetched anew. Without scripts the page works, and a reload does the same.
+// fetched again. Without scripts the page works, and a reload does the same.
 "use strict";
 const source = document.body.dataset.events;
 if (source) {

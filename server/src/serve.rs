@@ -224,7 +224,7 @@ pub async fn run(
     };
     let served = match served {
         Some(served) => {
-            // It takes connections until it is told to end, unless the tasks that accept them met a defect.
+            // It takes connections until it has to end, unless the tasks that accept them met a defect.
             has_failed = served.is_ok();
             served
         }

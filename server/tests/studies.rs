@@ -191,7 +191,7 @@ async fn texts_for_people_change_and_are_not_compared() {
     let updated = client.update_study(request.clone()).await.unwrap().into_inner();
     assert_eq!((updated.note.as_str(), updated.tags.join(" ").as_str()), ("measured\n\tat night", "b gpu"));
     assert_eq!((updated.display_name, updated.policy.unwrap().epsilon), (study().display_name, Some(1.0)));
-    // Who has other texts has the same study, and is told the stored ones.
+    // A client with other texts gets that study, with the stored texts.
     let found = create(&mut client, "hall").await;
     assert_eq!((found.note.as_str(), found.tags.len()), ("measured\n\tat night", 2));
     request.update_mask = Some(FieldMask { paths: vec!["display_name".to_owned()] });

@@ -265,7 +265,7 @@ async fn certificates_are_renewed_without_a_restart() {
     guarded.site.write("cert.pem", "no certificate");
     guarded.site.daemon.signal("HUP");
     let said = || guarded.site.log().contains("the old ones stay in force");
-    wait_until("the broken certificate is told", said);
+    wait_until("the broken certificate is reported", said);
     guarded.caller(Some(&token)).await.list_studies(list()).await.expect("the old one serves");
 
     // A new one, of a new authority: the key first, as a careless operator would.

@@ -49,7 +49,7 @@ fn a_renderer_is_tuned_and_the_command_line_shows_it() {
     let rounds = &results["standings"][0]["processes"]["rounds"];
     assert_eq!(*rounds, serde_json::json!([11, 11]), "{}", results["notes"]);
     assert!(shown.contains("gain in two processes"), "{shown}");
-    let ran = results["trials"].as_array().expect("the trials are told");
+    let ran = results["trials"].as_array().expect("the trials are listed");
     // None, where nothing that is left could still be better than the start.
     let confirming =
         results["confirmation"]["confirmation"]["measurements"].as_u64().expect("they are counted");

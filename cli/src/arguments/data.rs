@@ -97,7 +97,7 @@ pub(crate) struct FrontOf {
     /// Number of the state, as shown by `trials`
     #[arg(long, value_name = "NUMBER")]
     pub(crate) state: Option<i64>,
-    /// A value of each metric, beside which the hypervolume is told. Default: what the default measured
+    /// A value of each metric, to which the hypervolume refers. Default: what the default measured
     #[arg(long, value_name = "NUMBER,NUMBER", value_delimiter = ',', value_parser = positive)]
     pub(crate) reference: Vec<f64>,
     /// Draw the front to this file

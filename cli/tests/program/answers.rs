@@ -176,7 +176,7 @@ fn what_is_proven_is_told_wherever_the_best_is() {
     assert_eq!(record[0]["best"][0]["standing"]["gain"]["low"], 0.412);
     let mut book = fake.book();
     let confirmation = book.standing.as_mut().and_then(|standing| standing.confirmation.as_mut());
-    confirmation.expect("it is told").stage = v1::ConfirmationStage::Better as i32;
+    confirmation.expect("it is given").stage = v1::ConfirmationStage::Better as i32;
     drop(book);
     let shown = answer(&fake, &["studies", "--standing"]);
     assert!(shown.contains("likely better"), "{shown}");

@@ -33,7 +33,7 @@ fn a_front_is_tuned_and_every_direction_knows_every_run() {
     assert_eq!((&front["runs"], &front["configurations"]), (&Value::from(8), &Value::from(8)), "{done}");
     assert_eq!(done.get("best"), None);
     let trials = fake.book().trials.clone();
-    assert_eq!(trials.len(), 9 * 8, "each run is told to the eight other directions");
+    assert_eq!(trials.len(), 9 * 8, "each run is reported to the eight other directions");
     let carried: Vec<_> = trials.iter().filter(|trial| trial.mode() == Mode::Pinned).collect();
     assert_eq!(carried.len(), 8 * 8);
     assert!(carried.iter().all(|trial| trial.origin.starts_with("studies/toy/trials/")));

@@ -2,7 +2,7 @@
 //
 //   embree_tuned --url http://127.0.0.1:50611 --frames 60 [--size 64] [--samples 4] [--deadline 50] [--rounds 7] [SCENE.ply ...]
 //
-// Every frame builds the scene anew (as for moving geometry) and renders it. What tuning adds stands between the marks
+// Every frame rebuilds the scene (as for moving geometry) and renders it. What tuning adds stands between the marks
 // `tuning:` and `: tuning`. With --rounds the tuned configuration, the default and every fixed one are then measured in turns
 // within each round. Lines of JSON go to standard output. Without scenes three are generated.
 #include <embree4/rtcore.h>

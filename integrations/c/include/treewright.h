@@ -25,7 +25,7 @@
  * Threads. tw_client, tw_study, tw_tuner and tw_scene may be used by several threads at once. Other handles
  * may move between threads but be used by one at a time; const ones may be read by several. Each suggestion that is open is a
  * trial of its own, whichever thread asked for it. One background thread per client does the network. In the child of a fork
- * clients, studies and tuners connect anew at their first use; suggestions remain the parent's (TW_INVALID).
+ * clients, studies and tuners connect again at their first use; suggestions remain the parent's (TW_INVALID).
  *
  * Waiting. tw_study_suggest and tw_tuner_next wait for the daemon no longer than the deadline (50 ms unless the options say
  * otherwise) and then hand out the last good configuration, or the default. Reports go into a bounded queue and return at once;
@@ -91,13 +91,13 @@ int32_t tw_error_grpc_code(const tw_error *error);
 const char *tw_error_message(const tw_error *error);
 void tw_error_free(tw_error *error);
 
-/* ---- options of a client; a mistake is told by tw_client_connect --------------------------------------------------- */
+/* ---- options of a client; tw_client_connect reports a mistake ------------------------------------------------------ */
 
 /* Defaults that suit a renderer on the daemon's machine. */
 tw_options *tw_options_new(void);
 void tw_options_free(tw_options *options);
 /* Who this is: 1 to 128 printable characters, unique among the machines that work on a study. Threads and processes of one
- * machine are told apart by themselves, as ID, ID#2, ID#3 and so on. Default: program, machine, user, and a number for each process. */
+ * machine get names of their own, as ID, ID#2, ID#3 and so on. Default: program, machine, user, and a number for each process. */
 void tw_options_client_id(tw_options *options, const char *client_id);
 /* How long a suggestion may keep a frame waiting, connecting included. Default 50. */
 void tw_options_deadline_ms(tw_options *options, double ms);
@@ -119,7 +119,7 @@ void tw_options_authority_file(tw_options *options, const char *path);
 /* Shows the certificate of these PEM files. Only for https: addresses. */
 void tw_options_certificate_files(tw_options *options, const char *certificate, const char *key);
 
-/* ---- what a study is; a mistake is told by tw_client_study ---------------------------------------------------------- */
+/* ---- what a study is; tw_client_study reports a mistake ------------------------------------------------------------- */
 
 enum tw_scale { TW_LINEAR = 0, TW_LOG = 1 };
 
@@ -154,8 +154,8 @@ void tw_spec_auxiliary(tw_spec *spec, const char *metric);
 /* What a measurement may be; -INFINITY or INFINITY for no limit on that side. What goes beyond is infeasible, and every report
  * with a cost has to hold the measurement. */
 void tw_spec_limit(tw_spec *spec, const char *metric, double at_least, double at_most);
-/* Frames of a trial, 1 to 64, for costs that rise or fall while a configuration is in use. A tw_tuner keeps a trial for so many
- * frames and reports their means; a trial of tw_study_suggest is reported with the means of so many. Default 1. */
+/* Frames of a trial, 1 to 64, for costs that rise or fall while a configuration is in use. A tw_tuner keeps a trial for this
+ * number of frames and reports their means. A trial of tw_study_suggest is reported with the means over them. Default 1. */
 void tw_spec_episode_frames(tw_spec *spec, uint32_t frames);
 /* A cheaper level, such as fewer samples, the cheapest first: the cost of a trial there as a share of a full one. At most 4. */
 void tw_spec_fidelity(tw_spec *spec, const char *name, double cost);
@@ -224,7 +224,7 @@ bool tw_client_extend_lease(const tw_client *client, tw_suggestion *suggestion, 
 
 void tw_study_free(tw_study *study);
 /* What to run next for these indicators, within the deadline. Fails only for arguments that are none (TW_INVALID); what else
- * went wrong is told by tw_suggestion_problem. */
+ * went wrong is reported by tw_suggestion_problem. */
 tw_suggestion *tw_study_suggest(const tw_study *study, const tw_number *indicators, size_t count, tw_error **error);
 /* A trial of the caller's own configuration, as JSON. Fails: TW_INVALID, TW_REFUSED, TW_AWAY, TW_LATE. */
 tw_suggestion *tw_study_trial_of(const tw_study *study, const tw_number *indicators, size_t count,

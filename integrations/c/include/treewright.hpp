@@ -279,7 +279,7 @@ class Study {
   detail::Owned<tw_study> owned_;
 };
 
-// What a study is. Mistakes are told by Client::study.
+// What a study is. Client::study reports mistakes.
 class Spec {
  public:
   Spec() : owned_(tw_spec_new()) {}
@@ -330,7 +330,7 @@ class Spec {
   detail::Owned<tw_spec> owned_;
 };
 
-// Options of a client. Mistakes are told by Client.
+// Options of a client. Client reports mistakes.
 class Options {
  public:
   Options() : owned_(tw_options_new()) {}

@@ -15,7 +15,7 @@ pub(crate) struct Configuration {
     values: treewright_client::Configuration,
     texts: BTreeMap<String, CString>,
     json: CString,
-    /// What is told of it as an answer: status, verdict or reason, and trial.
+    /// Its notes as an answer: status, verdict or reason, and trial.
     notes: [CString; 3],
 }
 
@@ -30,12 +30,12 @@ impl Configuration {
         Self { values, texts, json, notes: Default::default() }
     }
 
-    /// An answer, of which this is told.
+    /// An answer with its notes.
     pub(crate) fn noted(values: treewright_client::Configuration, notes: [&str; 3]) -> Self {
         Self { notes: notes.map(c_text), ..Self::new(values) }
     }
 
-    /// What is told of it; C reads it while the configuration lives.
+    /// A note; C reads it while the configuration lives.
     pub(crate) fn notes(&self) -> [Text; 3] {
         [0, 1, 2].map(|place| Text::of(&self.notes[place]))
     }

@@ -340,7 +340,7 @@ static void trials(const tw_client *client) {
   CHECK(render(found) <= 10);
   CHECK(tw_configuration_reason(found)[0] && !tw_configuration_reason(NULL)[0]);
   tw_configuration_free(found);
-  /* Wrong indicators are told and do not stop a frame. */
+  /* Wrong indicators are reported and do not stop a frame. */
   tw_number wrong[] = {{"triangle", 1000}};
   tw_suggestion *suggestion = tw_study_suggest(study, wrong, 1, &error);
   succeed(error);
@@ -458,7 +458,7 @@ static void forked(const tw_client *client) {
     CHECK(tw_suggestion_report(theirs, result, 1, &error));
     FAILS(tw_suggestion_report(ours, result, 1, &error), TW_INVALID, "forked");
     CHECK(tw_client_flush(client, 20000, NULL) && tw_client_count(client, TW_COUNT_ACKNOWLEDGED) == 1);
-    /* Whoever looks for leaks has nothing to look at here: what the parent's threads had is lost in a child. */
+    /* A check for leaks has nothing to look at here: what the parent's threads had is lost in a child. */
     execlp("true", "true", (char *)NULL);
     _exit(1);
   }

@@ -81,7 +81,7 @@ function run({ positions, indices }, { strategy, leaf, indirect }, rays) {
   const traced = Math.min(rays, sample);
   const geometry = new BufferGeometry();
   geometry.setAttribute("position", new BufferAttribute(positions, 3));
-  // The build orders the triangles anew, in place.
+  // The build reorders the triangles in place.
   geometry.setIndex(new BufferAttribute(indices.slice(), 1));
   const start = now();
   const tree = new MeshBVH(geometry, { strategy: STRATEGIES[strategy], targetLeafSize: leaf, indirect, verbose: false });
@@ -103,7 +103,7 @@ function run({ positions, indices }, { strategy, leaf, indirect }, rays) {
   return { build_ms: built - start, rays_ms: ((now() - built) * rays) / traced, hits };
 }
 
-// The run with the median cost out of several, as many as fit into a third of a second; `each` is told of all of them.
+// The run with the median cost out of several, as many as fit into a third of a second; `each` gets all of them.
 function repeated(mesh, configuration, rays, each = () => {}) {
   const runs = [];
   const start = now();

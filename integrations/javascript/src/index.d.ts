@@ -47,8 +47,8 @@ export interface StudySpec {
 
 export interface Options {
   /**
-   * Unique among the processes that work on a study, 1 to 128 characters. Trials that one process runs side by side are told apart by
-   * themselves, as ID, ID#2, ID#3 and so on. Default: program, machine, process, and the number of a worker thread.
+   * Unique among the processes that work on a study, 1 to 128 characters. Trials that one process runs side by side get names
+   * of their own, as ID, ID#2, ID#3 and so on. Default: program, machine, process, and the number of a worker thread.
    */
   clientId?: string;
   /** How long a suggestion may keep its caller waiting. Default 50. */
@@ -167,7 +167,7 @@ export class Study {
   readonly name: string;
   /**
    * What to run next. Rejects only for wrong indicators; without the daemon it is the last good configuration, or the default, and
-   * `problem` says why. Each suggestion that is neither reported nor given back is a trial of its own, whoever asks.
+   * `problem` says why. Each suggestion that is neither reported nor given back is a trial of its own, for every caller.
    */
   suggest(indicators?: Numbers): Promise<Suggestion>;
   /** A frame loop. */
@@ -224,9 +224,9 @@ export class Suggestion {
 }
 
 /**
- * A frame loop. Where `episodeFrames` of the study is above 1 it gives the same suggestion for so many frames, at once and without the
+ * A frame loop. Where `episodeFrames` of the study is above 1 it keeps a suggestion for that number of frames, at once and without the
  * daemon, and then reports their means; the trial ends early once its mean must be above its bound. In another state an unfinished trial
- * is given back. Without a loop, a trial is reported with the means of so many frames.
+ * is given back. Without a loop, a trial is reported with the means over that number of frames.
  */
 export class Tuner {
   next(indicators?: Numbers): Promise<Suggestion>;
@@ -275,7 +275,7 @@ export interface FrontQuery {
   metrics?: string[];
   /** The number of a state; needed where trials are of several inputs or machines, which do not compare. */
   state?: number;
-  /** A value of each metric, above 0, beside which the hypervolume is told. */
+  /** A value of each metric, above 0, to which the hypervolume refers. */
   reference?: number[];
 }
 

@@ -128,7 +128,7 @@ export class Client {
   async changeSpace(id, space, { fixed = {}, onlyTry = false } = {}) {
     const asked = (name, request) => this.untilReady((deadlineMs) => this.call(name, request, deadlineMs));
     const study = await asked("getStudy", { name: `studies/${id}` });
-    // Which of the numbers are floats is told by the new space, or by the one of before.
+    // The new space says which of the numbers are floats, or the one before.
     const isFloat = Object.fromEntries((study.space?.parameters ?? []).map(({ name, defaultValue }) => [name, defaultValue?.kind === "float"]));
     const { parameters, constraints } = spaceToWire(space);
     for (const { name, defaultValue } of parameters) isFloat[name] = "float" in defaultValue;

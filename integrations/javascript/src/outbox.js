@@ -38,7 +38,7 @@ export class Outbox {
     this.#work();
   }
 
-  /** Resolves when what was queued before is told, of this worker or of all, so that a question does not overtake it. */
+  /** Resolves when what was queued before is reported, of this worker or of all, so that a question does not overtake it. */
   async told(worker) {
     await this.#waiting.findLast((item) => worker === undefined || item.worker === worker)?.ended;
   }

@@ -63,7 +63,7 @@ function parameterToWire(parameter, all) {
   return message;
 }
 
-/** Frames of a trial as they are sent: one is told as before there were several. */
+/** Frames of a trial as they are sent: one is sent as it was before there were several. */
 function framesToWire(frames) {
   if (!(Number.isInteger(frames) && frames >= 1 && frames <= 64))
     throw new TreewrightError("invalid", `episodeFrames is ${frames}; give 1 to 64`);
@@ -125,7 +125,7 @@ export function defaultOfSpace({ parameters }) {
   return plain;
 }
 
-/** What is wrong with a program's indicators is told before anything is asked, as it will not pass. */
+/** What is wrong with a program's indicators is reported before anything is asked, as it will not pass. */
 export function checkIndicators(indicators, spec) {
   const known = Object.keys(spec.indicators ?? {});
   const wrong = (problem) => new TreewrightError("invalid", `indicators: ${problem}; this study has ${known.join(", ") || "none"}`);

@@ -192,7 +192,7 @@ async function served(handlers, options = {}) {
   return { client, end };
 }
 
-/** A daemon that answers as if it were still loading the study, so many times. */
+/** A daemon that answers as if it were still loading the study, a given number of times. */
 async function whileTheStudyIsLoaded(times) {
   const details = Buffer.from("\n(type.googleapis.com/google.rpc.RetryInfo", "latin1");
   let asked = 0;
@@ -390,7 +390,7 @@ async function byADaemonThatComesLate() {
   assert.equal((await other.best()).configuration.level, 7);
   assert.ok(one.created && other.created);
   (await one.suggest()).report({ ms: 1 });
-  // Its worker has a report that cannot be told.
+  // Its worker has a report that cannot be sent.
   const started = performance.now();
   await rejects(one.trialOf({ level: 3 }), "unreachable", "not acknowledged");
   assert.ok(performance.now() - started < 10000);
@@ -474,7 +474,7 @@ async function fronts() {
   const times = found.points.map(({ metrics }) => metrics.time_ms);
   assert.deepEqual([times, found.default.ratios.rate], [[...times].sort((a, b) => a - b), 1]);
   assert.ok(found.hypervolume >= 0 && found.hypervolume <= 1);
-  // Whoever has the study reads the same.
+  // Every client of the study reads this.
   const study = await client.study("node-front", { parameters, indicators: { direction: [0, 8] }, minimise: { front_cost: 1 } });
   assert.deepEqual([await study.front(), await study.front({ metrics: definition.metrics })], [found, found]);
   assert.equal((await study.front({ reference: [1e-9, 1e9] })).hypervolume, 0);

@@ -3,7 +3,7 @@
 
     embree_caster.py --trials 30 --rays 65536,1048576 [--rounds 9] [--embree libembree4.so.4] SCENE.ply ...
 
-Sixteen rays a call, from arrays of numpy: so tracing, not Python, is what a batch takes. A batch builds its scene anew, as for meshes that move. What
+Sixteen rays a call, from arrays of numpy: so tracing, not Python, is what a batch takes. A batch rebuilds its scene, as for meshes that move. What
 is tuned is how the scene is built, and whether Embree keeps the rays of a call together (coherent) or follows each by itself, which is
 its default. Two kinds of batches: a camera's picture in tiles of 4 by 4, and rays that are scattered all over the mesh. Cost is build
 plus rays in milliseconds of processor time. With --rounds the tuned configuration is then measured against the default and every fixed one, in

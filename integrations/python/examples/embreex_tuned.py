@@ -3,7 +3,7 @@
 
     embreex_tuned.py --probe libtreewright_probe.so --trials 30 --rays 3000,300000 [--rounds 9] SCENE.ply ...
 
-A batch builds its scene anew, as for meshes that move, and asks for the closest hits of all its rays at once. embreex lets nobody choose how Embree
+A batch rebuilds its scene, as for meshes that move, and asks for the closest hits of all its rays at once. embreex lets nobody choose how Embree
 builds: what can be set goes through the probe's preloaded library, with which this program starts itself again. Its scenes are robust, and stay so.
 Cost is build plus rays in milliseconds of processor time. With --rounds the tuned configuration is then measured against the default
 and every fixed one, in turns within each round. Lines of JSON go to standard output.

@@ -3,7 +3,7 @@
 
     warp_mesh.py [--local | --url URL] [--trials 24] [--queries 1000,30000] [--rounds 7] SCENE.ply ...
 
-Wants warp-lang and numpy. Each run builds the mesh anew, as for one that moves, and asks for the closest hits of rays or for the nearest points of the
+Wants warp-lang and numpy. Each run rebuilds the mesh, as for one that moves, and asks for the closest hits of rays or for the nearest points of the
 surface. Cost is build plus queries in milliseconds of processor time. With --rounds the tuned configuration is then measured against Warp's
 default and every fixed one, in turns within each round. Lines of JSON go to standard output.
 """

@@ -487,8 +487,8 @@ impl Study {
     /// The Pareto front of the stored trials, as a ``treewright.front.ParetoFront``, whatever the study
     /// minimises. ``metrics`` are two or three measurements, with ``1/rate`` for one that is to be large; by
     /// default those that the study was made for. ``state`` is the ``state_id`` of a trial, needed where
-    /// trials are of several inputs or machines. ``reference`` is a value of each metric, beside which the
-    /// hypervolume is told; by default those of the default. Trials that are excluded or ran at a cheaper
+    /// trials are of several inputs or machines. ``reference`` is a value of each metric, to which the
+    /// hypervolume refers; by default those of the default. Trials that are excluded or ran at a cheaper
     /// level do not count. Raises Invalid where there is no such front.
     #[pyo3(signature = (metrics=None, *, state=None, reference=None))]
     fn front<'py>(

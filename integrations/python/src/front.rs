@@ -60,7 +60,7 @@ impl Front {
     }
 
     /// The front of all runs so far on this machine, as a ``treewright.front.ParetoFront``. The hypervolume
-    /// is told beside the default.
+    /// refers to the default.
     fn found<'py>(&self, python: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         crate::pareto::front(python, &python.detach(|| self.0.found()))
     }

@@ -580,7 +580,7 @@ def shared(url: str, name: str, then: str) -> "list[str]":
 
 
 def a_trial_each(url: str) -> None:
-    """Whoever shares a study runs trials of its own: threads, tasks, and the children of a fork."""
+    """Each user of a shared study runs trials of its own: threads, tasks, and the children of a fork."""
     threads = """
 gate, trials = threading.Barrier(4), []
 def work():
@@ -798,7 +798,7 @@ def optuna_sampler(url: str) -> None:
 
 
 def at_its_own_point(client, optuna, TreewrightSampler) -> None:
-    """What a trial cost is booked on what it ran with, whoever chose that."""
+    """What a trial cost is booked on what it ran with, from every source."""
     space = {"x": optuna.distributions.FloatDistribution(-4, 4), "y": optuna.distributions.IntDistribution(0, 9)}
     cost = lambda x, y: (x - 1.5) ** 2 + y + 1
     objective = lambda trial: cost(trial.suggest_float("x", -4, 4), trial.suggest_int("y", 0, 9))

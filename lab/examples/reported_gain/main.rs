@@ -36,7 +36,7 @@ fn gains(name: &str, world: World, machine: Machine, seeds: u64, trials: usize) 
         let all = |of: &dyn Fn(&world::Run) -> f64| -> Vec<f64> { runs.iter().map(of).collect() };
         let covered = runs.iter().filter(|run| run.low <= run.truth + 1e-9 && run.truth <= run.high + 1e-9);
         println!(
-            "{name:14} {:>9} | told {:6.2} % true {:6.2} % | covered {:2} of {} | before: told {:6.2} % true {:6.2} %",
+            "{name:14} {:>9} | reported {:6.2} % true {:6.2} % | covered {:2} of {} | before: reported {:6.2} % true {:6.2} %",
             if confirms { "confirmed" } else { "searched" },
             100.0 * mean(&all(&|run| run.reported)),
             100.0 * mean(&all(&|run| run.truth)),

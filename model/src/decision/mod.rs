@@ -170,7 +170,7 @@ pub enum ExploitSource {
         /// Its gain over the default configuration.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         gain: Option<Gain>,
-        /// One metric is maximised and nothing else counts: the gain is told of it.
+        /// One metric is maximised and nothing else counts: the gain is a gain of it.
         #[serde(default, skip_serializing_if = "std::ops::Not::not")]
         is_maximised: bool,
         /// The client's start has the place of the default.

@@ -177,7 +177,7 @@ fn of_point(point: &ExploredPoint) -> String {
             format!("The incumbent runs against the best few of the search: round {round}.")
         }
         ExploredPoint::Incumbent { round: None, .. } => {
-            "The incumbent is measured again: by it the speed of the machine is told.".into()
+            "The incumbent is measured again: it shows the speed of the machine.".into()
         }
         ExploredPoint::Random => {
             "The search only met known configurations; this one was drawn at random.".into()

@@ -159,7 +159,7 @@ mod tests {
         assert!(problem(wrong).contains("it has an expression and an order"));
         let mut long = spec_to_wire(&spec());
         let objective = long.objective.as_mut().expect("an objective");
-        assert_eq!(objective.episode_frames, 0, "one frame is told as ever");
+        assert_eq!(objective.episode_frames, 0, "one frame is sent as ever");
         objective.episode_frames = 65;
         assert_eq!(problem(long), "study.objective: episode_frames is 65; give 1 to 64");
         let negative = v1::Policy { lease_s: -1, ..v1::Policy::default() };

@@ -115,7 +115,7 @@ mod tests {
         assert!(cut(&[Vec3::ZERO, Vec3::X]).is_empty() && cut(&[]).is_empty());
         let mut found = Vec::new();
         triangles(&[0, 1, 2, 77], &[Vec3::ZERO, Vec3::X, Vec3::Y], |triangle| found.push(triangle));
-        assert_eq!(found.len(), 2, "numbers out of range are told later");
+        assert_eq!(found.len(), 2, "numbers out of range are reported later");
     }
 
     proptest! {

@@ -113,6 +113,6 @@ mod tests {
             reuse.frame(frame % 12 == 0);
             changes += usize::from(reuse.frames_per_build() != before);
         }
-        assert!(changes <= 1, "{changes} changes of what is told");
+        assert!(changes <= 1, "{changes} changes of the reports");
     }
 }

@@ -93,7 +93,7 @@ mod tests {
                 assert!(pace.factor() <= (1.0 + noise) * quiet, "{} after {quiet}", pace.factor());
                 off += libm::log(quiet / 0.7) / 40.0;
             }
-            assert!(off.abs() < 0.6 * noise, "told costs are off by {off} at a noise of {noise}");
+            assert!(off.abs() < 0.6 * noise, "reported costs are off by {off} at a noise of {noise}");
         }
     }
 

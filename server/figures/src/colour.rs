@@ -1,5 +1,5 @@
-//! The palette of Okabe and Ito (2008), which is told apart under deuteranopia, and a scale between two of
-//! its colours.
+//! The palette of Okabe and Ito (2008), whose colours stay distinct under deuteranopia, and a scale between
+//! two of them.
 
 use std::fmt;
 

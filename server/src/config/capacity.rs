@@ -13,15 +13,15 @@ use crate::limits::{
 #[derive(Clone, Debug, Args)]
 #[command(next_help_heading = "Capacity")]
 pub struct CapacityConfig {
-    /// Maximum number of connections; 16384 unless told otherwise. Each needs a file descriptor, so
-    /// `ulimit -Hn` limits them too. At most half of them may be ones without an authorised request. When all
-    /// are taken, one of these makes room for the next, or else one that is idle; of the address that has
-    /// most of them the oldest.
+    /// Maximum number of connections; 16384 by default. Each needs a file descriptor, so `ulimit -Hn` limits
+    /// them too. At most half of them may be ones without an authorised request. When all are taken, one of
+    /// these makes room for the next, or else one that is idle; of the address that has most of them the
+    /// oldest.
     #[arg(long, env = "TREEWRIGHT_MAX_CONNECTIONS", value_name = "COUNT", value_parser = clap::value_parser!(u32).range(1..=CONNECTIONS_MAX as i64))]
     pub max_connections: Option<u32>,
 
-    /// Maximum number of connections from one address; half of all unless told otherwise. Clients behind one
-    /// gateway share an address.
+    /// Maximum number of connections from one address; half of all by default. Clients behind one gateway
+    /// share an address.
     #[arg(long, env = "TREEWRIGHT_MAX_CONNECTIONS_PER_ADDRESS", value_name = "COUNT", value_parser = clap::value_parser!(u32).range(1..=CONNECTIONS_MAX as i64))]
     pub max_connections_per_address: Option<u32>,
 

@@ -60,7 +60,7 @@ impl PeersConfig {
         }
         match &self.advertise {
             None if shared && listen.ip().is_unspecified() => Err(format!(
-                "other daemons on the same database cannot be told to reach this one at {listen}; say \
+                "other daemons on the same database cannot reach this one at {listen}; say \
                  --advertise URL"
             )),
             Some(url) if !(url.starts_with("http://") || url.starts_with("https://")) => {

@@ -223,7 +223,7 @@ pub(super) fn slice(axis: &Axis, points: &[(f64, f64)], view: &CostView) -> Stri
 }
 
 /// Means in a square of cells of what a study tells; places of both axes are 0 to 1. Values are averaged as
-/// they are told: the value of a mean cost would be the harmonic mean of a metric that is maximised.
+/// they were reported: the value of a mean cost would be the harmonic mean of a metric that is maximised.
 pub(super) fn contour(x_axis: &Axis, y_axis: &Axis, points: &[(f64, f64, f64)], view: &CostView) -> String {
     const CELLS: usize = 12;
     let mut cells = vec![(0.0, 0_u32); CELLS * CELLS];

@@ -58,7 +58,7 @@ mod tests {
 
     #[tokio::test(flavor = "multi_thread")]
     async fn only_what_is_computed_aside_gives_way() {
-        let niceness = || rustix::process::nice(0).expect("told");
+        let niceness = || rustix::process::nice(0).expect("a niceness");
         let own = niceness();
         assert_eq!(compute(niceness).await.expect("it ends"), own);
         let lowest = 19;

@@ -79,7 +79,7 @@ impl Fence {
 /// The promise of an answer from the disk: the change has its place in the order of writes, and
 /// [`durable`](Receipt::durable) waits until it is stored.
 #[derive(Debug)]
-#[must_use = "nothing may be told to a client before the receipt is durable"]
+#[must_use = "a client may get no answer before the receipt is durable"]
 pub struct Receipt(pub(crate) oneshot::Receiver<Result<(), StoreError>>);
 
 impl Receipt {

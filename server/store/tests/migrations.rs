@@ -150,7 +150,7 @@ async fn goes_on(store: &dyn Store, version: usize) {
     let VisitDecision::Exploit { said, .. } = &visit.decision else {
         panic!("{visit:?}");
     };
-    assert_eq!(said.as_deref(), Some("As it was."), "told as it was then");
+    assert_eq!(said.as_deref(), Some("As it was."), "as it was said then");
     assert_eq!(loaded.snapshot.models_since, 0);
     let [finished, running] = trials(version);
     assert_eq!(loaded.open_trials, [running]);

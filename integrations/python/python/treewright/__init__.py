@@ -34,7 +34,7 @@ is the last good configuration, or the default.
 'default'
 
 Leaving a ``with`` block without a report gives the trial back; an exception is reported as the trial's failure. What is wrong with an
-argument is told at once:
+argument is reported at once:
 
 >>> treewright.Client("not an address")
 Traceback (most recent call last):

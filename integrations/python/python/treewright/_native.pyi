@@ -30,7 +30,7 @@ class Refused(TreewrightError):
     """The daemon will not do it."""
 
 class Space:
-    """What can be tuned. Every method returns the space itself; mistakes are told by Client.study."""
+    """What can be tuned. Every method returns the space itself; Client.study reports mistakes."""
 
     def __init__(self) -> None: ...
     def integer(
@@ -130,7 +130,7 @@ class Study:
         """Those of the metrics that are maximised."""
     @property
     def episode_frames(self) -> int:
-        """How many frames make a trial; a report of one that ``suggest`` gave holds the means of so many."""
+        """Number of frames of a trial. The report of a trial from ``suggest`` holds the means over them."""
     def cost(self, measured: Mapping[str, float]) -> float:
         """The study's objective of measurements, which is minimised. Raises Invalid where one is missing."""
     def beyond(self, measured: Mapping[str, float]) -> Optional[str]:
@@ -322,8 +322,8 @@ class FrontTrial:
     ) -> bool: ...
 
 class Tuner:
-    """A frame loop in which report and question travel together. Where ``episode_frames`` of the study is above 1 it gives the same
-    trial for so many frames, at once, and reports their means; in another state it gives an unfinished one back."""
+    """A frame loop in which report and question travel together. Where ``episode_frames`` of the study is above 1 it keeps a
+    trial for that number of frames without asking, and reports their means. In another state it gives an unfinished trial back."""
 
     def next(self, indicators: Optional[Numbers] = None) -> Suggestion: ...
     def finish(

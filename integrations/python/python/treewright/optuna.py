@@ -19,7 +19,7 @@ A trial that ran with other parameters than the daemon wanted (``study.enqueue_t
 point. While no daemon answers, parameters are drawn at random, and each such trial warns.
 
 Each trial that Optuna completes, prunes or fails is reported as that: pruned trials as stopped at their last intermediate value, failed ones as failures
-that say nothing about their parameters. A value that is infinitely bad, or too bad to be told, says that its parameters cannot be used.
+that say nothing about their parameters. A value that is infinitely bad, or too bad to be a number, says that its parameters cannot be used.
 """
 
 import hashlib

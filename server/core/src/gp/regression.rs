@@ -258,7 +258,7 @@ impl Process {
     }
 
     /// The likeliest difference of some of the values from the others, points being equal: the generalised
-    /// least squares of a second mean. 0 where it cannot be told.
+    /// least squares of a second mean. 0 where it cannot be estimated.
     pub(crate) fn shift_of(&self, is_one: impl Fn(usize) -> bool) -> f64 {
         let mut ones = vec![1.0; self.sample.len()];
         let mut some: Vec<f64> = (0..ones.len()).map(|index| f64::from(u8::from(is_one(index)))).collect();

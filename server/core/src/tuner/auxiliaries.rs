@@ -241,7 +241,7 @@ impl Auxiliaries {
             own.seen.iter().filter(is_gone).map(|one| one.configuration.0.clone()).collect();
         let before = own.seen.len();
         own.seen.retain(|one| !trials.contains(&one.trial));
-        assert_eq!(own.seen.len() + gone.len(), before, "what is told is what is gone");
+        assert_eq!(own.seen.len() + gone.len(), before, "the gap is what is gone");
         gone.into_iter().map(|configuration| (configuration.clone(), own.of(&configuration))).collect()
     }
 

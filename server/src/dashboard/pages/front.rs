@@ -167,7 +167,7 @@ async fn newest(
     read_all(visitor, request, most).await
 }
 
-/// A full run of this study, not one that is told to another direction.
+/// A full run of this study, not a report of one to another direction.
 fn run(trial: &v1::Trial) -> Option<(Assignment, BTreeMap<String, f64>)> {
     let has_direction = trial.indicators.contains_key(Front::DIRECTION);
     if !trial.fidelity.is_empty() || has_direction && Front::repeated_run(&trial.origin).is_some() {

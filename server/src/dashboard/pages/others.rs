@@ -29,11 +29,11 @@ const PATH: &str = "/studies.json";
 /// The other dashboards.
 pub(super) struct OtherDaemons {
     peers: Vec<DashboardPeer>,
-    /// What they told last, and when.
+    /// Their last answers, and when they came.
     last: Mutex<Option<(Instant, Arc<Vec<OtherDaemon>>)>>,
 }
 
-/// What another dashboard told.
+/// The answer of another dashboard.
 #[derive(Debug)]
 pub(super) struct OtherDaemon {
     pub(super) peer: DashboardPeer,

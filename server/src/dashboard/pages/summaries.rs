@@ -40,7 +40,7 @@ pub(super) struct StudySummary {
     pub(super) last: Option<Timestamp>,
     /// The address of the replica that holds the study, where that is another.
     pub(super) holder: Option<String>,
-    /// Everything that there is to know was told.
+    /// Nothing is missing from the summary.
     pub(super) is_whole: bool,
 }
 
@@ -259,7 +259,7 @@ fn progress(standings: &[Standing]) -> &'static str {
     } else if standings.is_empty() || has(ConfirmationStage::Searching) {
         "searching"
     } else if has(ConfirmationStage::Off) {
-        // Without a confirmation no end is told.
+        // Without a confirmation no end is given.
         "running"
     } else {
         "finished"

@@ -154,8 +154,8 @@ impl PostgresStore {
     }
 }
 
-/// Waits for the answer to a question, but not for ever. A server that is there and slow is told to stop by
-/// the setting of [`PostgresAddress::pool`]; this is for one that is silent.
+/// Waits for the answer to a question, but not for ever. The setting of [`PostgresAddress::pool`] stops a
+/// server that is there and slow; this is for one that is silent.
 async fn in_time<T>(question: impl Future<Output = Result<T, StoreError>>) -> Result<T, StoreError> {
     let answer = timeout(limits::POSTGRES_QUESTION_TIMEOUT, question).await;
     answer.unwrap_or_else(|_| Err(failed(open::silent())))

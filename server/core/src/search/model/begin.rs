@@ -251,7 +251,7 @@ mod tests {
         assert!(best < 1.05, "{best}");
     }
 
-    /// Every gain of a state is told over its default.
+    /// Every gain of a state is one over its default.
     #[test]
     fn a_search_that_begins_with_results_measures_the_default_unless_it_is_among_them() {
         for is_among_them in [false, true] {

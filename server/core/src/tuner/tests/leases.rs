@@ -235,7 +235,7 @@ fn a_configuration_whose_lease_is_lost_twice_counts_as_infeasible_and_says_why()
         assert!(reason.contains("2 leases"), "{reason}");
         let real = tuner.report(given_up, measured(5.0), Outcome::Ok, now_ms);
         assert_eq!(real, Err(TunerError::GivenUp(second.number)), "nobody takes it for stored");
-        assert_eq!(change.states.len(), 1, "the search was told");
+        assert_eq!(change.states.len(), 1, "the search heard of it");
         let results = tuner.states.results(StateId(1));
         assert!(results.is_infeasible(&first.configuration));
         for _ in 0..6 {
@@ -315,7 +315,7 @@ fn a_client_that_was_started_anew_has_lost_its_lease() {
     assert_eq!(change.states.len(), 1, "a restart of the daemon does not forget it");
     let (other, change) = session(&mut tuner, 9);
     assert_ne!(other.configuration, first.configuration);
-    let given_up = change.trials.iter().find(|trial| trial.number == first.number).expect("told");
+    let given_up = change.trials.iter().find(|trial| trial.number == first.number).expect("reported");
     assert!(matches!(given_up.outcome, Some(Outcome::Infeasible { .. })), "{given_up:?}");
 }
 

@@ -113,7 +113,7 @@ fn a_space_that_is_flat_ends_and_says_that_nothing_is_better() {
             wrong += 1;
             continue;
         }
-        // How much may be missed is told, and in the reason the same.
+        // The answer says how much may be missed, and so does its reason.
         let at_most = best.standing.gain_at_most.expect("an assessment tells it");
         let reason = tuner.predict(&BTreeMap::new(), None).expect("valid").reason().summary;
         let told = format!("more than {} %", crate::cost_view::CostView::default().percent(at_most));

@@ -106,7 +106,7 @@ fn what_is_told_in_disturbed_sessions_is_true() {
                 proven += 1;
                 wrong += u64::from(gain <= 0.0);
                 let by_rounds = standing.confirmation.gain.expect("they ran");
-                assert_eq!(standing.gain, Some(by_rounds), "the gain that is told is that of the rounds");
+                assert_eq!(standing.gain, Some(by_rounds), "the reported gain is that of the rounds");
             }
             StandingVerdict::Likely => {
                 likely += 1;
@@ -119,7 +119,7 @@ fn what_is_told_in_disturbed_sessions_is_true() {
         there += 1.0 - world.truth(&tuner.spec().space.decode(&[0.5, 0.0, 0.35, 0.5])) / default;
     }
     println!(
-        "{WORLDS} worlds: told gains hold in {holds}, told costs are near in {near} of {knowable}, {proven} are proven, {wrong} of them \
+        "{WORLDS} worlds: reported gains hold in {holds}, reported costs are near in {near} of {knowable}, {proven} are proven, {wrong} of them \
          wrongly, {likely} are likely; {gained:.2} were gained of about {there:.2}"
     );
     let share = |count: u64| count as f64 / WORLDS as f64;
