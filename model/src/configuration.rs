@@ -18,7 +18,7 @@ pub use crate::value::RawConfiguration;
 /// hand it to the space.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Configuration {
-    /// Shared, because tables, trials and models hold the same few configurations.
+    /// Shared, because tables, trials and models hold few different configurations.
     values: Arc<Assignment>,
 }
 

@@ -1,4 +1,4 @@
-//! The FNV-1a hash (Fowler, Noll and Vo): a number for bytes that is the same in every release and on every
+//! The FNV-1a hash (Fowler, Noll and Vo): a number for bytes that does not change with the release or the
 //! machine, unlike that of the standard library's hasher. It guards against mistakes, not against attackers.
 
 /// The hash of no bytes.

@@ -39,7 +39,7 @@ const THREE: &[&[f64]] = &[
 ];
 /// Weight of the weighted sum beside the largest part, as in ParEGO.
 const AUGMENTATION: f64 = 0.05;
-/// Prefix of origins that name a trial of the same database.
+/// Prefix of origins that name a trial of this database.
 const OWN: &str = "studies/";
 /// The beginning of the display name of a study that is made for a front.
 const NAME: &str = "front of ";
@@ -141,8 +141,8 @@ impl Front {
         format!("{NAME}{}", self.metrics.iter().map(written).collect::<Vec<_>>().join(", "))
     }
 
-    /// The number of the run of the same database whose result a trial of this origin repeats, where it is
-    /// one. In a study of a front such a trial is no run: it tells another direction of one.
+    /// The number of the run of this database whose result a trial of this origin repeats, where it is one.
+    /// In a study of a front such a trial is no run. It reports a run to another direction.
     #[must_use]
     pub fn repeated_run(origin: &str) -> Option<u64> {
         origin.strip_prefix(OWN)?.rsplit_once('/')?.1.parse().ok()

@@ -26,7 +26,7 @@ pub struct Indicator {
 }
 
 impl Indicator {
-    /// Maps a finite value: `min` to 0, `max` to 1, values outside to numbers beyond 0..1 on the same scale
+    /// Maps a finite value: `min` to 0, `max` to 1, values outside to numbers beyond 0..1 on that scale
     /// (mirrored below `min` where the scale is logarithmic). The result is finite, at most
     /// [`NORMALISED_MAGNITUDE_MAX`] in magnitude.
     pub fn normalise(&self, value: f64) -> f64 {

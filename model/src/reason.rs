@@ -143,7 +143,7 @@ words! {
         BelowNoise = "BELOW_NOISE",
         /// The expected gain does not pay for the search.
         BelowCost = "BELOW_COST",
-        /// The indicator is the same in all states: left out of distances and features.
+        /// The indicator is equal in all states: left out of distances and features.
         Constant = "CONSTANT",
         /// The indicator is a linear function of another: left out of distances and features.
         Redundant = "REDUNDANT",

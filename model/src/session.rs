@@ -60,7 +60,7 @@ impl SessionPolicy {
             ("abort_above", self.abort_above),
         ];
         for (field, value) in said {
-            // The ranges are those of the fields of the same name.
+            // The ranges are those of the policy's fields.
             let range =
                 PolicySettings::FIELDS.iter().find(|known| known.name == field).map(|known| known.range);
             if let Some((value, range)) = value.zip(range).filter(|(value, range)| !range.contains(*value)) {

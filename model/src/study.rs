@@ -37,7 +37,7 @@ pub struct StudySpec<P = Policy> {
     pub indicators: IndicatorSchema,
     /// The objective that is minimised.
     pub objective: Objective,
-    /// Two states are the same when every normalised indicator differs by at most this much, 0 to 1.
+    /// Two inputs are one state when every normalised indicator differs by at most this much, 0 to 1.
     pub state_tolerance: f64,
     /// The policy.
     pub policy: P,
@@ -351,7 +351,7 @@ impl StudyBuilder {
         self
     }
 
-    /// Two states are the same when every normalised indicator differs by at most this, 0 to 1. Unset: 0.01.
+    /// Two inputs are one state when every normalised indicator differs by at most this, 0 to 1. Unset: 0.01.
     #[must_use]
     pub fn state_tolerance(mut self, tolerance: f64) -> Self {
         self.0.state_tolerance = tolerance;

@@ -201,7 +201,7 @@ pub enum ExploitSource {
     },
     /// A predictor.
     Predictor(Predicted),
-    /// Other machines with the same input.
+    /// Other machines with this input.
     Machines(ByMachines),
 }
 
@@ -338,9 +338,9 @@ words! {
     /// The level of the machine of a measurement, relative to one machine, with its name in reasons.
     #[derive(PartialOrd, Ord)]
     pub enum MachineLevel {
-        /// The machine itself: processor, instruction set, threads and software are the same.
+        /// The machine itself: processor, instruction set, threads and software are equal.
         Machine = "machine",
-        /// Its group: machines with the same processor and software.
+        /// Its group: machines with equal processor and software.
         Group = "group",
         /// All other machines.
         Fleet = "fleet",

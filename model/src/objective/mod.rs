@@ -392,7 +392,7 @@ impl Objective {
         let Some(cost) = self.cost(measurements).ok().filter(|cost| *cost > 0.0) else { return 0.0 };
         let square = |ObjectiveTerm { metric, weight }: &ObjectiveTerm| {
             let (value, error) = (measurements.get(metric)?, standard_errors.get(metric)?);
-            // To first order the reciprocal of a measurement errs by the same share as the measurement.
+            // To first order the relative errors of a measurement and of its reciprocal are equal.
             let of_cost = match self.maximised.contains(metric) {
                 true => weight / value * (error / value),
                 false => weight * error,

@@ -70,7 +70,7 @@ macro_rules! define_searches {
         define_methods! {
             /// Searches inside one state.
             SearchMethod,
-            /// The search that the daemon's version recommends, the same for every study; today `model`.
+            /// The search that the daemon's version recommends for every study; today `model`.
             auto = 5,
             retired {}
             $($rows)+

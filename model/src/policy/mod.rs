@@ -28,7 +28,7 @@ use crate::space::{Space, SpaceError};
 /// names none.
 pub const ABORT_ABOVE_DEFAULT: f64 = 2.0;
 
-/// The same where no budget is kept, for a client that stops trials in time. Costs may differ by orders of
+/// That factor where no budget is kept, for a client that stops trials in time. Costs may differ by orders of
 /// magnitude; a factor near 1 would hide what lies behind dear points.
 pub const ABORT_ABOVE_STOPPABLE: f64 = 4.0;
 

@@ -71,7 +71,7 @@ proptest! {
         for point in points {
             let configuration = space.decode(&point);
             prop_assert_eq!(space.configuration(configuration.to_raw()), Ok(configuration.clone()));
-            prop_assert_eq!(&read.decode(&point), &configuration, "another process finds the same");
+            prop_assert_eq!(&read.decode(&point), &configuration, "another process finds it, too");
             let mut canonical = point.clone();
             let active = space.canonical(&mut canonical);
             prop_assert_eq!(&canonical, &space.encode(&configuration));

@@ -16,7 +16,7 @@ pub(super) struct Listing {
     members: Vec<usize>,
     /// The values of each parameter.
     values: Vec<Vec<Value>>,
-    /// For each parameter the branches of its level; branches with the same parent are next to each other.
+    /// For each parameter the branches of its level; branches of one parent are next to each other.
     levels: Vec<Vec<Branch>>,
 }
 

@@ -448,7 +448,7 @@ mod tests {
         let expressed = earlier.express(1, &boolean.default_configuration(), &boolean);
         let expressed = expressed.expect("it has what `a` kept");
         assert_eq!(expressed.to_raw(), raw(&[("a", 3), ("b", 2)]));
-        // A whole number that became real is the same number when it goes.
+        // A whole number that became real keeps its value when it goes.
         let real = Space::builder().integer("b", 0..=9).default(2).float("a", 0.0..=9.0).default(3.0);
         let real = real.build().expect("a space");
         let changes = [(&whole, none()), (&real, none()), (&other, none())];

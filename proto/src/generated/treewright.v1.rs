@@ -18,12 +18,12 @@ pub struct Study {
     /// compared. May be empty: the study then has one state. IMMUTABLE.
     #[prost(message, repeated, tag = "4")]
     pub indicators: ::prost::alloc::vec::Vec<Indicator>,
-    /// What is minimised. REQUIRED, IMMUTABLE. Raw measurements are kept, so that another study can
-    /// weigh the same numbers differently.
+    /// What is minimised. REQUIRED, IMMUTABLE. Raw measurements are kept, so that another study can weigh these numbers
+    /// differently.
     #[prost(message, optional, tag = "5")]
     pub objective: ::core::option::Option<Objective>,
-    /// Two states are the same when every normalised indicator (0 to 1) differs by at most this much.
-    /// OPTIONAL, 0 to 1; unset means 0.01. IMMUTABLE.
+    /// Two inputs are one state when every normalised indicator (0 to 1) differs by at most this much. OPTIONAL, 0 to 1;
+    /// unset means 0.01. IMMUTABLE.
     #[prost(double, optional, tag = "6")]
     pub state_tolerance: ::core::option::Option<f64>,
     /// How the service decides. OPTIONAL; unset fields take their defaults. UpdateStudy changes it.
@@ -142,8 +142,8 @@ pub struct FloatDomain {
     #[prost(enumeration = "Scale", tag = "3")]
     pub scale: i32,
 }
-/// One of a list of values of the same kind. Numbers are searched in the order of their sizes, whatever lies
-/// between them: of 16, 32, 64 and 128, 32 and 128 are next to 64. Text has no order.
+/// One of a list of values of one kind. Numbers are searched in the order of their sizes, whatever lies between them: of
+/// 16, 32, 64 and 128, 32 and 128 are next to 64. Text has no order.
 #[derive(Clone, PartialEq, ::prost::Message)]
 pub struct CategoricalDomain {
     /// REQUIRED, 1 to 64, distinct, of one kind (integers, floats or text).
@@ -213,8 +213,8 @@ pub struct Indicator {
     /// REQUIRED: 1 to 64 characters of `a-z`, `0-9` and `_`, beginning with a letter.
     #[prost(string, tag = "1")]
     pub name: ::prost::alloc::string::String,
-    /// The range that is mapped to 0..1. REQUIRED, finite, `min < max`. Values outside are accepted and
-    /// map outside 0..1 on the same scale, so that two large inputs remain distinguishable.
+    /// The range that is mapped to 0..1. REQUIRED, finite, `min < max`. Values outside are accepted and map outside 0..1
+    /// on that scale, so that two large inputs remain distinguishable.
     #[prost(double, tag = "2")]
     pub min: f64,
     #[prost(double, tag = "3")]
@@ -451,7 +451,7 @@ pub enum SearchMethod {
     /// Gaussian processes and expected improvement: strong at 20 to 80 trials, in mixed and conditional spaces; also under
     /// noise and where many configurations cannot be run.
     Model = 4,
-    /// The search that the daemon's version recommends, the same for every study; today `model`.
+    /// The search that the daemon's version recommends for every study; today `model`.
     Auto = 5,
 }
 impl SearchMethod {
@@ -556,8 +556,8 @@ pub struct Trial {
     /// How the answer came about.
     #[prost(message, optional, tag = "8")]
     pub reason: ::core::option::Option<Reason>,
-    /// Until when the client may take its time. After that the trial is EXPIRED and its configuration is
-    /// handed out again; a report that comes late is taken all the same and flagged.
+    /// Until when the client may take its time. After that the trial is EXPIRED and its configuration is handed out again;
+    /// a report that comes late is still taken, and flagged.
     #[prost(message, optional, tag = "9")]
     pub lease_expire_time: ::core::option::Option<::prost_types::Timestamp>,
     /// Where the trial stands.
@@ -1391,7 +1391,7 @@ pub struct Best {
     /// Mean objective of its measurements.
     #[prost(double, tag = "2")]
     pub cost: f64,
-    /// Mean objective of the default configuration in the same state; unset if it was not measured there.
+    /// Mean objective of the default configuration in this state; unset if it was not measured there.
     #[prost(double, optional, tag = "3")]
     pub default_cost: ::core::option::Option<f64>,
     /// How many measurements `cost` rests on.
@@ -1419,7 +1419,7 @@ pub enum OmissionReason {
     BelowNoise = 3,
     /// The expected gain does not pay for the search.
     BelowCost = 4,
-    /// The indicator is the same in all states: left out of distances and features.
+    /// The indicator is equal in all states: left out of distances and features.
     Constant = 5,
     /// The indicator follows another in a straight line: left out of distances and features.
     Redundant = 6,
@@ -1587,11 +1587,10 @@ pub mod tuning_service_client {
             self.inner = self.inner.max_encoding_message_size(limit);
             self
         }
-        /// Creates a study. Idempotent: an equal specification under the same id returns the stored study. The policy does not
-        /// count: the stored one stays, and `Study.policy_differs` names where the given one is another. A space that the study
-        /// had before ChangeSpace counts as equal, and comes back with its revision.
-        /// Errors: ALREADY_EXISTS when the id is taken by a different specification; the message names the
-        /// first difference.
+        /// Creates a study. Idempotent: an equal specification under a used id returns the stored study. The policy does not
+        /// count: the stored one stays, and `Study.policy_differs` names where the given one is another. A space that the
+        /// study had before ChangeSpace counts as equal, and comes back with its revision.
+        /// Errors: ALREADY_EXISTS when the id is taken by a different specification; the message names the first difference.
         pub async fn create_study(
             &mut self,
             request: impl tonic::IntoRequest<super::CreateStudyRequest>,
@@ -1716,9 +1715,9 @@ pub mod tuning_service_client {
         /// A client that created or found the study with an earlier space, and says so (`SuggestRequest.space_revision`), gets
         /// configurations that it knows, and its results count in the new space.
         ///
-        /// Idempotent: the same change again changes nothing, and counts the trials once more.
-        /// Errors: NOT_FOUND; FAILED_PRECONDITION when the space was changed since the given revision; INVALID_ARGUMENT (the space
-        /// is not acceptable, the policy's pinned configuration would be outside, or there are 32 revisions).
+        /// Idempotent: a repeated change changes nothing, and counts the trials once more.
+        /// Errors: NOT_FOUND; FAILED_PRECONDITION when the space was changed since the given revision; INVALID_ARGUMENT (the
+        /// space is not acceptable, the policy's pinned configuration would be outside, or there are 32 revisions).
         pub async fn change_space(
             &mut self,
             request: impl tonic::IntoRequest<super::ChangeSpaceRequest>,
@@ -1922,8 +1921,8 @@ pub mod tuning_service_client {
         /// stays in the log with all its data, and a report that is repeated is answered as before; no table, model, search,
         /// best configuration or standing rests on it. The study is read again without it, and its searches go on with what is
         /// left. Where retention removed older trials, this forgets what was known from them alone. Idempotent; another reason
-        /// replaces the one before. Errors: NOT_FOUND; FAILED_PRECONDITION when the trial is not completed; INVALID_ARGUMENT
-        /// (the reason).
+        /// replaces the one before.
+        /// Errors: NOT_FOUND; FAILED_PRECONDITION when the trial is not completed; INVALID_ARGUMENT (the reason).
         pub async fn exclude_trial(
             &mut self,
             request: impl tonic::IntoRequest<super::ExcludeTrialRequest>,
@@ -2031,11 +2030,10 @@ pub mod tuning_service_server {
     /// Generated trait containing gRPC methods that should be implemented for use with TuningServiceServer.
     #[async_trait]
     pub trait TuningService: std::marker::Send + std::marker::Sync + 'static {
-        /// Creates a study. Idempotent: an equal specification under the same id returns the stored study. The policy does not
-        /// count: the stored one stays, and `Study.policy_differs` names where the given one is another. A space that the study
-        /// had before ChangeSpace counts as equal, and comes back with its revision.
-        /// Errors: ALREADY_EXISTS when the id is taken by a different specification; the message names the
-        /// first difference.
+        /// Creates a study. Idempotent: an equal specification under a used id returns the stored study. The policy does not
+        /// count: the stored one stays, and `Study.policy_differs` names where the given one is another. A space that the
+        /// study had before ChangeSpace counts as equal, and comes back with its revision.
+        /// Errors: ALREADY_EXISTS when the id is taken by a different specification; the message names the first difference.
         async fn create_study(
             &self,
             request: tonic::Request<super::CreateStudyRequest>,
@@ -2075,9 +2073,9 @@ pub mod tuning_service_server {
         /// A client that created or found the study with an earlier space, and says so (`SuggestRequest.space_revision`), gets
         /// configurations that it knows, and its results count in the new space.
         ///
-        /// Idempotent: the same change again changes nothing, and counts the trials once more.
-        /// Errors: NOT_FOUND; FAILED_PRECONDITION when the space was changed since the given revision; INVALID_ARGUMENT (the space
-        /// is not acceptable, the policy's pinned configuration would be outside, or there are 32 revisions).
+        /// Idempotent: a repeated change changes nothing, and counts the trials once more.
+        /// Errors: NOT_FOUND; FAILED_PRECONDITION when the space was changed since the given revision; INVALID_ARGUMENT (the
+        /// space is not acceptable, the policy's pinned configuration would be outside, or there are 32 revisions).
         async fn change_space(
             &self,
             request: tonic::Request<super::ChangeSpaceRequest>,
@@ -2145,8 +2143,8 @@ pub mod tuning_service_server {
         /// stays in the log with all its data, and a report that is repeated is answered as before; no table, model, search,
         /// best configuration or standing rests on it. The study is read again without it, and its searches go on with what is
         /// left. Where retention removed older trials, this forgets what was known from them alone. Idempotent; another reason
-        /// replaces the one before. Errors: NOT_FOUND; FAILED_PRECONDITION when the trial is not completed; INVALID_ARGUMENT
-        /// (the reason).
+        /// replaces the one before.
+        /// Errors: NOT_FOUND; FAILED_PRECONDITION when the trial is not completed; INVALID_ARGUMENT (the reason).
         async fn exclude_trial(
             &self,
             request: tonic::Request<super::ExcludeTrialRequest>,

@@ -4,7 +4,7 @@
 //! It carries out sections 3.2, 5, 6 and 7.1 of Herveau, Pfaffe, Tillmann, Tichy and Dachsbacher, "Analysis
 //! of Acceleration Structure Parameters and Hybrid Autotuning for Ray Tracing" ("the paper" in the comments
 //! of this crate). The core does no I/O, reads no clock and no environment, and draws random numbers only
-//! from given seeds: the same specification and the same calls give the same bytes.
+//! from given seeds: equal specifications and equal calls give equal bytes.
 //!
 //! The way through the crate, from the ground up: the shared words (`treewright-model`) come first.
 //! [`value`], [`space`] and [`configuration`] describe the parameters, [`indicator`] an input, [`objective`]

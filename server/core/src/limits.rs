@@ -21,7 +21,7 @@ pub const CLIENTS_MAX: usize = if cfg!(test) { 200 } else { 100_000 };
 /// machine whose last new state is oldest. Its measurements stay as another machine's, and its fingerprint
 /// remains.
 pub const MACHINES_MAX: usize = if cfg!(test) { 6 } else { 256 };
-/// Most states of other machines with the same input that are linked to a state: the first ones.
+/// Most states of other machines with a state's input that are linked to it: the first ones.
 pub const SIBLINGS_MAX: usize = 32;
 
 /// Largest packed value, in bytes before it was packed: a damaged length must not take all memory.

@@ -2,7 +2,7 @@
 //!
 //! Costs of one frame differ between machines, mostly by a factor, but the best configuration may differ as
 //! well. So a measurement belongs to its machine: processor, instruction set, threads and software together
-//! (the client's [`Fingerprint`]). Machines of the same processor and software make a group, and all machines
+//! (the client's [`Fingerprint`]). Machines of one processor and one software make a group, and all machines
 //! of the study make the fleet ([`MachineLevel`]). The weights of the group and of the fleet for a machine
 //! are learnt: each of its measurements is compared with the prediction from the others' measurements. The
 //! paper leaves this to future work ("hierarchical optimization or per node optimization is promising", its
@@ -237,8 +237,8 @@ impl Machines {
         assert!(*sum >= 0.0 && *weight >= 1.0, "squares of {sum} over {weight}");
     }
 
-    /// The change of a machine's software since the latest earlier machine of the same hardware: "embree
-    /// 4.3.0 -> 4.4.0". `None` where there was no such machine.
+    /// The change of a machine's software since the latest earlier machine of its hardware: "embree 4.3.0 ->
+    /// 4.4.0". `None` where there was no such machine.
     pub(crate) fn change_of_software(&self, machine: MachineId) -> Option<String> {
         let own = &self.machines[index(machine)];
         let now = &own.fingerprint.as_ref()?.software;

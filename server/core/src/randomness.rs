@@ -1,8 +1,8 @@
 //! Every random decision of the core, each from a stream of its own.
 //!
 //! A stream is named by the study's seed, its purpose and two numbers (a state, a step). ChaCha is a
-//! pseudo-random function of its key, so streams with different names are independent. Only the counters have
-//! to be stored to draw the same numbers again after a restart.
+//! pseudo-random function of its key, so streams with different names are independent. A restarted tuner
+//! needs only the counters to draw these numbers again.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;

@@ -1,8 +1,8 @@
 //! The results of one state: every configuration that ran there, and its measured costs.
 //!
 //! This is the table of paper section 6.1 ("a table of previous states, configurations, and the observed
-//! runtime") and the database of section 6 that keeps the same pair of state and configuration from being
-//! sampled twice. Finding and adding a result takes time logarithmic in the number of configurations.
+//! runtime") and the database of section 6 that keeps a pair of state and configuration from being sampled
+//! twice. Finding and adding a result takes time logarithmic in the number of configurations.
 //!
 //! The cost of a configuration is a robust mean of its latest measurements, so that one outlier does no harm
 //! (see [`crate::robust`]). Where the costs of one configuration have changed for good (the machine's clock,
@@ -461,7 +461,7 @@ impl ResultTable {
             && typical(&self.later) > WANDERS * typical(&self.at_once).max(WANDERS_LEAST)
     }
 
-    /// The number of measurements that were far from all earlier ones of the same configuration.
+    /// The number of measurements that were far from all earlier ones of their configuration.
     pub fn outliers(&self) -> u64 {
         self.outliers
     }

@@ -247,7 +247,7 @@ impl Evidence {
         &self.recent
     }
 
-    /// When they were made, in the same order.
+    /// When they were made, in their order.
     pub fn moments(&self) -> &[Option<Moment>] {
         &self.moments
     }

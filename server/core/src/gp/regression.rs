@@ -246,7 +246,7 @@ impl Process {
         let pairs = self.sample.kinds.iter().zip(&self.weights).zip(one.iter().zip(other));
         let between: f64 =
             pairs.map(|((&kind, weight), (&a, &b))| weight * squared_distance(kind, a, b)).sum();
-        // What is not by distance is the same at both.
+        // Terms that do not depend on the distance are equal at both.
         let between = at_one.own - 1.0 + matern(between).0;
         self.factor.forward(&mut at_one.others);
         self.factor.forward(&mut at_other.others);

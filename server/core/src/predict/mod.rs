@@ -51,7 +51,7 @@ pub struct Lesson<'a> {
     pub point: &'a [f64],
     /// The result, with costs as they would be on the study's first machine.
     pub verdict: Verdict,
-    /// The mean cost of the default configuration in the same state, where it is known; also as on the first
+    /// The mean cost of the default configuration in that state, where it is known; also as on the first
     /// machine.
     pub default_cost: Option<f64>,
     /// The number of the machine that measured it.

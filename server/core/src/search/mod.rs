@@ -111,7 +111,7 @@ pub trait Search {
     /// Answers a point. An id that is not pending is ignored, because its answer came twice.
     fn tell(&mut self, id: u64, feedback: Feedback);
 
-    /// Takes back the point of a lost client; it is the next to be asked, under the same id.
+    /// Takes back the point of a lost client; it is the next to be asked, under that id.
     fn withdraw(&mut self, id: u64);
 
     /// Names the cheaper levels at which the next points may be measured: the cost of each as a share of a
@@ -190,7 +190,7 @@ pub trait Search {
     }
 
     /// Takes over the [plan](Search::plan) of a copy of this search, if it is still of use. Without a new
-    /// result since, the search then asks for the same point as if it had computed it itself.
+    /// result since, the search then asks for the point that it would have computed itself.
     fn adopt(&mut self, _plan: PlannedPoint) {}
 }
 

@@ -53,8 +53,8 @@ pub struct Observation {
     pub configuration: usize,
     /// The logarithm of its cost.
     pub log_cost: f64,
-    /// What may explain a part of it, in the same order in all observations: logarithms of auxiliary
-    /// measurements, or movements of indicators.
+    /// What may explain a part of it, in one order in all observations: logarithms of auxiliary measurements,
+    /// or movements of indicators.
     pub beside: Vec<f64>,
 }
 
@@ -143,7 +143,7 @@ fn slopes_in_time(observations: &[Observation], width: usize) -> Option<(Vec<f64
 }
 
 impl Denoiser {
-    /// Learns from observations in the order in which they were made, all with the same auxiliary
+    /// Learns from observations in the order in which they were made. All have one set of auxiliary
     /// measurements. `None` where there are too few observations or repeats.
     pub fn of(observations: &[Observation]) -> Option<Denoiser> {
         let width = observations.first()?.beside.len();
@@ -354,7 +354,7 @@ mod tests {
     fn what_predicts_some_configurations_badly_is_not_believed_of_them() {
         let mut sum = 0.0;
         for seed in 0..20 {
-            // A search that ends among configurations which do half the work at the same cost, as those that
+            // A search that ends among configurations which do half the work at equal cost, as those that
             // leave a thread idle do by processor time.
             let halved = |configuration: usize| if configuration > 60 { 0.69 } else { 0.0 };
             let (observations, truths) = search_in_spells(seed, halved);

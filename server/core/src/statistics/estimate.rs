@@ -1,11 +1,11 @@
 //! Estimates of the true costs of a state's configurations, and of the gain of the best.
 //!
-//! The lowest of many noisy measurements is mostly luck: on a landscape where everything costs the same, the
-//! best of 80 measurements with 7 % noise looks 15 % better than the rest. The cure is a posterior with a
-//! prior that the measurements themselves shape: expected values of a choice among posteriors are not
-//! inflated by the choice (Smith and Winkler, "The optimizer's curse: skepticism and postdecision surprise in
-//! decision analysis", Management Science 52, 2006; empirical Bayes: Efron and Morris, "Stein's estimation
-//! rule and its competitors", JASA 68, 1973).
+//! The lowest of many noisy measurements is mostly luck: on a landscape of equal costs, the best of 80
+//! measurements with 7 % noise looks 15 % better than the rest. The cure is a posterior with a prior that the
+//! measurements themselves shape: expected values of a choice among posteriors are not inflated by the choice
+//! (Smith and Winkler, "The optimizer's curse: skepticism and postdecision surprise in decision analysis",
+//! Management Science 52, 2006; empirical Bayes: Efron and Morris, "Stein's estimation rule and its
+//! competitors", JASA 68, 1973).
 //!
 //! The logarithm of a configuration's cost is a level plus a Gaussian process over configurations plus noise;
 //! similar configurations so speak for each other, and repeats for themselves. In some of the models a part

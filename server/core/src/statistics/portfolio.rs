@@ -3,7 +3,7 @@
 //! It minimises the mean over states of the best member's cost there, relative to the state's own best: the
 //! price of having the portfolio in place of a search. Its reduction is a submodular function of the set. So
 //! adding the most helpful member, one after the other, reaches at least 63 % of the reduction by the best
-//! portfolio of the same size (Nemhauser, Wolsey and Fisher, "An analysis of approximations for maximizing
+//! portfolio of that size (Nemhauser, Wolsey and Fisher, "An analysis of approximations for maximizing
 //! submodular set functions", Mathematical Programming 14, 1978). Portfolios from configurations of other
 //! instances: Xu, Hoos and Leyton-Brown, "Hydra", AAAI 2010; Kadioglu, Malitsky, Sellmann and Tierney,
 //! "ISAC", ECAI 2010; as the beginning of a search: Feurer et al., "Auto-sklearn 2.0", JMLR 23, 2022.
@@ -72,11 +72,10 @@ pub struct CostTable {
 }
 
 impl CostTable {
-    /// Whether a configuration is proven to cost less than another one, for a further state of the same kind:
-    /// by the states in which both were measured, at least `PROVING_STATES`, the mean of the logarithms of
-    /// their ratios is below 0 with 97.5 %, and so is a single one with 84 % (Student's prediction interval,
-    /// with its factors for few states rounded up). A state that cannot run the first of them proves the
-    /// contrary.
+    /// Whether a configuration is proven to cost less than another one, for a further state of that kind: by
+    /// the states in which both were measured, at least `PROVING_STATES`, the mean of the logarithms of their
+    /// ratios is below 0 with 97.5 %, and so is a single one with 84 % (Student's prediction interval, with
+    /// its factors for few states rounded up). A state that cannot run the first of them proves the contrary.
     pub fn is_proven(&self, one: usize, reference: usize) -> bool {
         let mut ratios = Vec::new();
         for row in &self.rows {

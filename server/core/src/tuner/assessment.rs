@@ -102,7 +102,7 @@ impl AssessmentRequest {
         self.results.ranked().len() <= ASSESSED_SHARED_MAX
     }
 
-    /// Whether an assessment was made from the same inputs.
+    /// Whether an assessment was made from these inputs.
     pub(super) fn is_answered_by(&self, assessment: &Assessment) -> bool {
         assessment.version == self.results.version()
             && assessment.confirmed == self.confirmed
@@ -199,8 +199,8 @@ fn posterior(
 }
 
 /// The measurements of configurations, cleaned so that one absurd report does no harm. Measurements that
-/// others of the same configuration contradict are passed over or drawn in. A measurement far above all
-/// others and above the records at `compared` is drawn in, because its exact cost does not matter. A single
+/// others of their configuration contradict are passed over or drawn in. A measurement far above all others
+/// and above the records at `compared` is drawn in, because its exact cost does not matter. A single
 /// measurement far below is drawn in likewise. Beside the `noise` of the state, a standard deviation, those
 /// with large standard errors count for less.
 pub(super) fn samples(

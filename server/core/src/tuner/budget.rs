@@ -17,8 +17,8 @@
 //!   though it is never stopped. It is charged `worst_factor` times the reference at most: one that stalls
 //!   keeps the client from exploring for no more than `worst_factor / regret_budget` frames of the reference.
 //!   Runs of other incumbents are frames that did not explore.
-//! - A reported trial is charged its whole cost until the next frame of the reference in the same state. Then
-//!   the charge falls to its cost above [`GUARD`] times the cheapest of the last few frames of the reference,
+//! - A reported trial is charged its whole cost until the next frame of the reference in that state. Then the
+//!   charge falls to its cost above [`GUARD`] times the cheapest of the last few frames of the reference,
 //!   before or after. So neither noise nor a change of the machine's speed hides regret.
 //! - A trial that is handed out again because its report never came may have been run each time. The reserved
 //!   cost is charged and reserved once more. If too little is left, the client gets another answer.

@@ -226,7 +226,7 @@ mod tests {
                 (back.statistics(), back.states.remembered()),
                 (tuner.statistics(), tuner.states.remembered())
             );
-            // And it can be saved again, to the same bytes.
+            // And it can be saved again, to equal bytes.
             assert_eq!(back.learnt().checkpoint(), Ok(checkpoint));
         }
     }

@@ -51,7 +51,7 @@ pub(super) fn measurements(measurements: &BTreeMap<String, f64>) -> Result<(), T
     Ok(())
 }
 
-/// Standard errors are of measurements of the same report.
+/// Standard errors are of measurements of their own report.
 pub(super) fn standard_errors(
     errors: &BTreeMap<String, f64>,
     measurements: &BTreeMap<String, f64>,

@@ -546,7 +546,7 @@ mod tests {
             let own = tuner.searches.change(state).expect("a search");
             own.confirming.insert(race).open.insert(stopped.number, place);
             tuner.tell_race(&stopped, Some(0.001));
-            tuner.race(state).expect("the same").clone()
+            tuner.race(state).expect("still a race").clone()
         };
         let stands =
             |race: &Confirming| race.race.next(|other| if other == place { 0 } else { 100 }) == Some(place);

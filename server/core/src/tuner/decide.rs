@@ -281,9 +281,9 @@ impl Tuner {
     /// The answer without a search.
     ///
     /// Where only measurements count it is a configuration that [was measured](Tuner::measured_answer). Where
-    /// a study is tuned, other machines' measurements of the same input count for more until the state has
-    /// its own. A predictor may then name a configuration that was never run there, if it can almost surely
-    /// be run and is worth its risk. Once the state is explored to the end its own best stands.
+    /// a study is tuned, other machines' measurements of that input count for more until the state has its
+    /// own. A predictor may then name a configuration that was never run there, if it can almost surely be
+    /// run and is worth its risk. Once the state is explored to the end its own best stands.
     ///
     /// A configuration that does clearly worse here than another measured one gives way to that one.
     pub(super) fn exploitation(
@@ -327,7 +327,7 @@ impl Tuner {
     }
 
     /// The answer where only measurements count: the best of the state itself, as far as it is proven. Where
-    /// nothing measured there can be run, it is the best that other machines measured repeatedly for the same
+    /// nothing measured there can be run, it is the best that other machines measured repeatedly for that
     /// input. Else it is the incumbent or confirmed winner that serves other states best, or that of the
     /// nearest state where the policy names that predictor. Else it is the default.
     pub(super) fn measured_answer(

@@ -128,7 +128,7 @@ impl Tuner {
         let states = self.states.indicator_statistics().states();
         for OmittedIndicator { axis, redundant_with } in self.states.omitted_indicators() {
             let (reason, summary) = match redundant_with {
-                None => (OmissionReason::Constant, format!("it is the same in all {states} states")),
+                None => (OmissionReason::Constant, format!("it is equal in all {states} states")),
                 Some(other) => {
                     let summary =
                         format!("in all {states} states it follows {} in a straight line", name(other));

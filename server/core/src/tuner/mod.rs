@@ -6,7 +6,7 @@
 //! search and the model.
 //!
 //! The machine is pure. Its answers depend only on the rows of the [`Change`]s that it returned: a
-//! [restored](Tuner::restore) tuner gives the same next answers, byte for byte, as one that never stopped.
+//! [restored](Tuner::restore) tuner gives the next answers of one that never stopped, byte for byte.
 //!
 //! [`Tuner`] joins parts that keep their own invariants: `states` (recognition, and the table of each state),
 //! `trials` (the open ones and their holders), `visits` (the clients' states and budgets), `searches`,

@@ -5,8 +5,8 @@
 //! Many clients that share a tuner must not wait for that. So the holder of the tuner makes a [`PlanRequest`]
 //! of a question, lets go of the tuner, [computes](PlanRequest::compute) it, and hands the [`SuggestionPlan`]
 //! in with the question. A question with a plan never fits a model. Its plan may lack a needed result,
-//! because another client changed the state or plans for the same search. The question then gets the search's
-//! reserve, or an answer from the tables, because a client never waits. A client that is alone gets the same
+//! because another client changed the state or plans for its search. The question then gets the search's
+//! reserve, or an answer from the tables, because a client never waits. A client that is alone gets equal
 //! answers either way. Only the evidence of other states for a search that begins is computed at once where
 //! no plan holds it, once for a state.
 

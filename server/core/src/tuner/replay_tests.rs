@@ -241,7 +241,7 @@ fn clients_that_hold_trials_are_not_forgotten() {
     assert_eq!(change.forgotten, ["7"]);
 }
 
-/// Clients of a pinned study have no visits, and hold trials all the same.
+/// Clients of a pinned study have no visits, and still hold trials.
 #[test]
 fn no_more_clients_hold_trials_of_a_pinned_study() {
     let pinned = Some(spec(policy(0)).space.default_configuration());

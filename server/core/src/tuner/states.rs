@@ -23,7 +23,7 @@ use crate::trial::{Fingerprint, Trial};
 pub(crate) struct States {
     /// State `n` sits at place `n - 1`.
     known: Vec<KnownState>,
-    /// For each state, the states of other machines with the same input, nearest relations first.
+    /// For each state, the states of other machines with its input, nearest relations first.
     siblings: Vec<Vec<StateId>>,
     /// For each state, whether a search was begun in it and not forgotten since.
     begun: Vec<bool>,
@@ -107,7 +107,7 @@ impl States {
         self.machines.fingerprint(self[id].machine)
     }
 
-    /// The states of other machines with the same input, nearest relations first.
+    /// The states of other machines with this state's input, nearest relations first.
     pub(super) fn siblings(&self, id: StateId) -> &[StateId] {
         &self.siblings[place(id)]
     }

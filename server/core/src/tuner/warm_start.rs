@@ -8,7 +8,7 @@
 //!
 //! Fitting takes some milliseconds, so its inputs are copied and it is computed apart where the tuner is
 //! shared (see `plan`). Only the beginning of a search is taken over. The search is stored with its effects,
-//! so that a restored tuner has the same ones even if other states have learnt since.
+//! so that a restored tuner has equal ones even if other states have learnt since.
 
 use crate::configuration::Configuration;
 use crate::limits::REWARD_COST_MIN;

@@ -89,7 +89,7 @@ fn a_step_ahead_is_the_first_step_of_the_next_fit() {
 fn the_likeliest_view_is_taken() {
     let kinds = vec![FeatureKind::Ordered; 2];
     let (points, values) = lopsided(30, 0.01);
-    // The same values in disorder have nothing to do with the points.
+    // These values in disorder have nothing to do with the points.
     let shuffled: Vec<f64> = (0..30).map(|index| values[(index * 7 + 3) % 30]).collect();
     for (views, likeliest) in [([&shuffled, &values], 1), ([&values, &shuffled], 0)] {
         let views = views.map(|values| (values.clone(), 0.0));

@@ -54,7 +54,7 @@ fn points(kinds: &[FeatureKind], count: usize, seed: u64) -> Vec<Vec<f64>> {
     (0..count).map(|_| point(kinds, random)).collect()
 }
 
-/// The same points, with this number of parts of their linear feature.
+/// The points, with `parts` parts of their linear feature.
 fn with_parts(mut points: Vec<Vec<f64>>, parts: usize, seed: u64) -> Vec<Vec<f64>> {
     let random = &mut random(seed);
     points.iter_mut().for_each(|point| point.extend((0..parts).map(|_| standard_normal(random))));

@@ -5,7 +5,7 @@
 //! together: a contextual Gaussian process (Krause and Ong, "Contextual Gaussian process bandit
 //! optimization", NIPS 2011). Measurements stay in the states' tables; a question fits a small process to the
 //! measurements of the states nearest to it (local fits after Gramacy and Apley, "Local Gaussian process
-//! approximation for large computer experiments", 2015), so that an answer costs the same after a million
+//! approximation for large computer experiments", 2015), so that an answer costs no more after a million
 //! trials. Lessons only move lengths and noise, one step each while there are few.
 
 mod local_data;

@@ -15,7 +15,7 @@ use crate::space::Space;
 pub(super) struct CandidateConfiguration {
     #[serde(with = "crate::configuration::unchecked")]
     pub(super) configuration: Configuration,
-    /// The best cost it reached anywhere, over that of the default configuration in the same state.
+    /// The best cost it reached anywhere, over that of the default configuration in that state.
     ratio: f64,
     /// The action's part of the squared distance to each centre.
     pub(super) action_2: Vec<f64>,

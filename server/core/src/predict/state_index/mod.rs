@@ -72,7 +72,7 @@ impl StateIndex {
     }
 
     /// Adds a state's indicators to the statistics of their reach. Called once for each state, in the order
-    /// of their first measurements, so that a replay gives the same result. Returns `true` where the omitted
+    /// of their first measurements, so that a replay gives an equal result. Returns `true` where the omitted
     /// indicators have changed.
     pub(crate) fn weigh(&mut self, anchor: &[f64]) -> bool {
         let before = self.statistics.omitted();

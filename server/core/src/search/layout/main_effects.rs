@@ -14,7 +14,7 @@
 //! effects are parts of that feature with coefficients of their own, so that the others may be right about
 //! one parameter and wrong about another: a linear model with a prior on its coefficients, solved in closed
 //! form with the process (Rasmussen and Williams, "Gaussian Processes for Machine Learning", 2006, section
-//! 2.7). Vizier treats earlier studies in the same spirit, by a stack of processes (Golovin et al., "Google
+//! 2.7). Vizier treats earlier studies in this spirit, by a stack of processes (Golovin et al., "Google
 //! Vizier: a service for black-box optimization", KDD 2017, section 3.3).
 
 use serde::{Deserialize, Serialize};
@@ -31,8 +31,8 @@ const RIDGE: f64 = 3.0;
 const SWEEPS: usize = 12;
 /// A standard deviation of the sums below this is rounding error, and nothing is learnt.
 const DEVIATION_MIN: f64 = 1e-9;
-/// Steps per standard deviation to which effects are rounded. Costs in another unit then give the same
-/// effects to the bit, although their logarithms round differently.
+/// Steps per standard deviation to which effects are rounded. Costs in another unit then give effects equal
+/// to the bit, although their logarithms round differently.
 const STEPS_PER_DEVIATION: f64 = (1u64 << 20) as f64;
 /// Most rounds over all parameters in [`MainEffects::descend`].
 const ROUNDS_MAX: usize = 16;

@@ -227,7 +227,7 @@ impl Layout {
         self.reordered(x, |ranks, rank| cell_of(ranks, rank).map_or(rank, |cell| cell as u32))
     }
 
-    /// Moves each coordinate of an ordered choice to the same place in another cell.
+    /// Moves each coordinate of an ordered choice to its place in another cell.
     fn reordered(&self, x: &[f64], other: impl Fn(&[u32], u32) -> u32) -> Vec<f64> {
         let mut x = x.to_vec();
         for (x, axis) in x.iter_mut().zip(&self.axes) {

@@ -277,7 +277,7 @@ mod tests {
             let text = serde_json::to_string(&search).expect("plain data");
             let mut copy: ModelSearch = serde_json::from_str(&text).expect("own output");
             assert_eq!(copy, search);
-            // A plan on a copy gives the same point.
+            // A plan on a copy gives an equal point.
             if !search.is_ready() {
                 let plan = search.plan(0).expect("a model to fit");
                 copy.adopt(plan);

@@ -123,7 +123,7 @@ fn square(v: &[f64]) -> f64 {
 }
 
 impl Near {
-    /// Gathers the measurements around the best of `known`, which are `measured` in the same order. `None`
+    /// Gathers the measurements around the best of `known`, whose costs are `measured` in their order. `None`
     /// where there is nothing continuous to search, or where there are too few measurements.
     pub(super) fn of(
         layout: &Layout,

@@ -37,7 +37,7 @@
 //!   `held`).
 //! - *Several clients.* Pending points count as measured at their expected cost (the "kriging believer" of
 //!   Ginsbourger, Le Riche and Carraro, 2010), and nearly without noise. With the noise of a measurement
-//!   their surroundings would stay attractive, and several clients would measure almost the same point.
+//!   their surroundings would stay attractive, and several clients would measure almost one point.
 
 mod acquire;
 mod ahead;

@@ -171,7 +171,7 @@ fn a_machine_that_only_exploits_follows_its_group_before_the_fleet() {
         let fingerprint = Fingerprint { cpu_model: cpu.into(), threads, ..Fingerprint::default() };
         Ask { fingerprint: Some(fingerprint), ..ask(client, 0.6, 0.5) }
     };
-    // One machine of another processor, one of the same processor; their best configurations differ.
+    // One machine of another processor, one of this processor; their best configurations differ.
     for (cpu, threads, node) in
         [("far", 8, Node { differs: true, ..Node::like(1, 1.0) }), ("near", 8, Node::like(1, 1.0))]
     {
@@ -202,7 +202,7 @@ fn a_machine_that_only_exploits_follows_its_group_before_the_fleet() {
     assert!((given / best - 1.0).abs() < 0.02, "{given} and {best}");
     let stranger = tuner.suggest(&ask_as("third", 2, "stranger"), 0).expect("valid").0;
     assert_eq!(stranger.reason().source, "fleet");
-    // The same machine under another client's name is the same machine.
+    // A machine under another client's name stays that machine.
     let twin = tuner.suggest(&ask_as("near", 8, "twin"), 0).expect("valid").0;
     assert_eq!((twin.state_id, &twin.configuration), (near.state_id, &near.configuration));
     assert!(!["group", "fleet"].contains(&twin.reason().source.as_str()));
@@ -262,7 +262,7 @@ fn one_absurd_report_of_a_machine_or_a_state_decides_for_no_other() {
             tell(&mut study, &ask("a", x, 0.5), &[(0.95, middling)]);
         }
         let best = study.best(None, None).expect("valid").expect("measured");
-        assert_eq!(best.state_id, 1, "the two cost the same but for what was read wrongly");
+        assert_eq!(best.state_id, 1, "the two costs are equal but for what was read wrongly");
         let answer = suggest(&mut study, "b", 0.25, 0.9);
         assert_eq!(answer.reason().source, "portfolio");
         assert_eq!(answer.configuration, good(&study), "{absurd:e}");

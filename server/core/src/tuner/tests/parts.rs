@@ -124,7 +124,7 @@ fn models_learn_what_a_trial_would_have_cost_on_the_first_machine() {
         let taken = tuner.report(&trial, measured(10.0 * factor), Outcome::Ok, 1);
         assert!(taken.is_ok(), "{taken:?}");
     };
-    // Both measure the same input, by which the machines' factor is known; the second alone goes on.
+    // Both measure one input, by which the machines' factor is known; the second alone goes on.
     (0..3).for_each(|_| frame(1, 1.0, 0.1));
     (0..3).for_each(|_| frame(2, 3.0, 0.1));
     for step in 0..12 {

@@ -109,9 +109,9 @@ fn one_absurdly_low_first_report_stops_few_trials() {
     }
 }
 
-/// In worlds where everything costs the same, the number of those in which a trial of the race was stopped,
-/// and in which the default stayed the answer. `stops` says whether a trial of the race is stopped, and its
-/// bound, by whether it runs the default and whether another one was stopped before.
+/// In worlds of equal costs, the number of those in which a trial of the race was stopped, and in which the
+/// default stayed the answer. `stops` says whether a trial of the race is stopped, and its bound, by whether
+/// it runs the default and whether another one was stopped before.
 fn stopped_and_kept(stops: impl Fn(bool, bool) -> Option<f64>) -> (u64, u64) {
     let (mut raced, mut kept) = (0, 0);
     for seed in 0..WORLDS {

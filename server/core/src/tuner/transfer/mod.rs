@@ -4,7 +4,7 @@
 //! - The predictors' best configuration, which carry knowledge from state to state: [`Transfer::answer`] to
 //!   exploit where that is worth its risk, and [`Transfer::first`] to explore where nothing was measured
 //!   yet.
-//! - The best configuration of other machines that met the same input ([`other_machines`]):
+//! - The best configuration of other machines that met this input ([`other_machines`]):
 //!   [`Transfer::best_by_machines`] to exploit, [`Transfer::untried_by_machines`] to explore.
 //! - The evidence of the nearest states for a search that begins (`evidence`, computed in `warm_start`).
 //!

@@ -1,4 +1,4 @@
-//! Results of other machines for a state: the same input, measured elsewhere.
+//! Results of other machines for a state: its input, measured elsewhere.
 //!
 //! Machines differ by a factor above all, so costs are compared as logarithms, less that factor. It comes
 //! from the configurations that both machines measured in this state (the default is the first of them), else
@@ -34,7 +34,7 @@ const CANDIDATES: usize = 4;
 /// Number of configurations after which the others are asked each time, while its own search goes on.
 const ASK_EVERY: usize = 8;
 
-/// The state of another machine with the same input.
+/// The state of another machine with this input.
 #[derive(Clone, Copy, Debug)]
 struct OtherMachine {
     state: StateId,
