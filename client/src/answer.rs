@@ -1,8 +1,8 @@
 //! Getting an answer within a deadline, by a single call or by a stream.
 //!
 //! An answer arrives through a one-shot channel that is made with the question. A caller whose deadline
-//! passes keeps the channel; the next call for the same state takes the answer from it. A channel without a
-//! use is dropped with its answer, and a dropped suggestion gives its trial back. So a late answer is used or
+//! passes keeps the channel; the next call for that state takes the answer from it. A channel without a use
+//! is dropped with its answer, and a dropped suggestion gives its trial back. So a late answer is used or
 //! given back, and cannot be taken for the answer to a later question.
 
 use std::sync::Arc;
@@ -22,8 +22,8 @@ pub(crate) struct Outstanding {
     pub(crate) answer: oneshot::Receiver<SuggestAnswer>,
 }
 
-/// Answers within the deadline: with the late answer to an earlier question about the same state, with
-/// the answer to a new question, or with the fallback.
+/// Answers within the deadline: with the late answer to an earlier question about that state, with the answer
+/// to a new question, or with the fallback.
 ///
 /// `ask` sends the question. It is dropped, with everything that it holds, as soon as it is not needed.
 pub(crate) async fn within_deadline(

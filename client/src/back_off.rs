@@ -38,7 +38,7 @@ impl BackOff {
     /// Waits for that pause, and at least as long as the daemon asked for.
     pub(crate) async fn sleep_at_least(self, failures: u32, hint: Option<Duration>) {
         let pause = self.pause(failures, rand::random());
-        // A tenth of chance on top, so that clients with the same hint do not come back together.
+        // A tenth of chance on top, so that clients with equal hints do not come back together.
         let hint = hint.unwrap_or_default().mul_f64(1.0 + 0.1 * rand::random::<f64>());
         tokio::time::sleep(pause.max(hint)).await;
     }

@@ -21,7 +21,7 @@ use crate::{
 pub struct Question {
     /// A value for each indicator of the study.
     pub indicators: Indicators,
-    /// The client that asks. It gets the same trial again until it reports that, as long as it is wanted.
+    /// The client that asks. It gets its trial again until it reports that, as long as the trial is wanted.
     pub client_id: Option<String>,
     /// The machine that the measurement is to hold for.
     pub fingerprint: Option<Fingerprint>,

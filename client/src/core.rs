@@ -34,7 +34,7 @@ pub(crate) struct Core {
     pub(crate) counters: Counters,
     /// The workers, by their names for the service.
     pub(crate) workers: Arc<Workers>,
-    /// Distinguishes this client from an earlier one of the same id.
+    /// Distinguishes this client from an earlier one of its id.
     pub(crate) session: u64,
     /// For what is done in the background of calls that do not wait.
     pub(crate) runtime: tokio::runtime::Handle,

@@ -125,7 +125,7 @@ impl Episode {
         };
         for (metric, error) in &measured.1 {
             let value = measured.get(metric).unwrap_or_default();
-            // A reciprocal errs by the same share.
+            // The relative errors of a value and of its reciprocal are equal.
             let error = if is_maximised(objective, metric) { error / value / value } else { *error };
             *self.squares.entry(metric.clone()).or_default() += error * error;
         }

@@ -168,8 +168,8 @@ impl ClientError {
         matches!(self, Self::Away { .. } | Self::NotNow { .. } | Self::Late { .. })
     }
 
-    /// Whether the same call may succeed later: the daemon could not be reached in time, has too much to do,
-    /// or has a defect that may pass.
+    /// Whether a repeated call may succeed later: the daemon could not be reached in time, has too much to
+    /// do, or has a defect that may pass.
     #[must_use]
     pub fn may_pass(&self) -> bool {
         use tonic::Code::{Aborted, Internal, ResourceExhausted, Unknown};

@@ -2,7 +2,7 @@
 //!
 //! Each run is reported for all directions: for the others as a trial that is carried over, with the run's
 //! name as its origin. Everything follows from stored trials, so a program that is started again goes on with
-//! the same numbers.
+//! those numbers.
 
 use std::collections::{BTreeMap, BTreeSet};
 

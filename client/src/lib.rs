@@ -6,7 +6,7 @@
 //! Reports wait in a bounded queue and are sent again until they are acknowledged; dropped reports are
 //! counted ([`Client::stats`]).
 //!
-//! Programs without a tokio runtime use [`blocking`], which has the same shape. The files
+//! Programs without a tokio runtime use [`blocking`], which mirrors this crate's client. The files
 //! `proto/treewright/v1/*.proto` define the meaning of every message on the wire.
 //!
 //! | module | holds |

@@ -4,10 +4,10 @@
 //!
 //! Its database is in the data folder of the user (XDG Base Directory Specification 0.8). It listens on a
 //! Unix socket in a folder beside the database, or below `/tmp` where that path is too long for a socket. So
-//! every program that would use the same database finds it. The folder for a session (`XDG_RUNTIME_DIR`)
-//! would not do, because jobs of cron have none. A user with write access to a folder can put another daemon
-//! or a link into it, so both folders have to be the user's alone. Several programs that look for the daemon
-//! at once take turns by a lock on a file, so that only one is started.
+//! every program that would use that database finds it. The folder for a session (`XDG_RUNTIME_DIR`) would
+//! not do, because jobs of cron have none. A user with write access to a folder can put another daemon or a
+//! link into it, so both folders have to be the user's alone. Several programs that look for the daemon at
+//! once take turns by a lock on a file, so that only one is started.
 
 use std::fs::{DirBuilder, File, OpenOptions};
 use std::io::{BufRead as _, BufReader};

@@ -42,7 +42,7 @@ impl Paired {
     /// The next trial, and whose it is. It is reported like any other; after each two there is one more pair.
     ///
     /// # Errors
-    /// As for [`Study::trial_of`]; the next call asks for the same side again.
+    /// As for [`Study::trial_of`]; the next call asks for that side again.
     pub async fn ask(&mut self) -> Result<(Side, Suggestion), ClientError> {
         let side = ORDER[self.asked % ORDER.len()];
         let configuration = match side {

@@ -18,11 +18,10 @@ use crate::{ClientError, Finished, Indicators, SharedError, Study, Suggestion, c
 
 /// A per-frame loop of one study whose calls return at once; see [`Study::prefetching_tuner`].
 ///
-/// Its answer was asked for a frame ago and rests on the results of that time. It is a trial only where the
-/// state is still the same: when the indicators have moved further than the study's state tolerance, the
-/// trial is given back, and the frame runs its configuration as a fallback. A program that knows the next
-/// frame's indicators early says them ([`PrefetchingTuner::next_before`]), and then loses no frame to a
-/// moving camera.
+/// Its answer was asked for a frame ago and rests on the results of that time. It is a trial only while the
+/// state lasts: when the indicators have moved further than the study's state tolerance, the trial is given
+/// back, and the frame runs its configuration as a fallback. A program that knows the next frame's indicators
+/// early says them ([`PrefetchingTuner::next_before`]), and then loses no frame to a moving camera.
 ///
 /// ```no_run
 /// # use treewright_client::blocking::Study;
@@ -62,7 +61,7 @@ impl PrefetchingTuner {
     }
 
     /// The suggestion for this frame. Hands in the previous frame's result, and asks for the next frame as if
-    /// its indicators were the same.
+    /// it had these indicators, too.
     ///
     /// It never waits and never fails: where no answer is there yet it is a fallback, and
     /// [`Suggestion::problem`] says why. So is the first frame. Trials of several frames are kept as by

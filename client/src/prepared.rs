@@ -1,4 +1,4 @@
-//! What the last trial has set up, so that the next one with the same set-up need not do it again.
+//! What the last trial has set up, so that the next one with an equal set-up need not do it again.
 //!
 //! It is one for all handles of a study that a client has made, and takes it for granted that one trial runs
 //! after the other. Once two ran side by side, the program has several loops, and which of them asks is not

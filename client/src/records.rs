@@ -225,7 +225,7 @@ pub struct Best {
     pub configuration: Configuration,
     /// Mean objective of its measurements.
     pub cost: f64,
-    /// Mean objective of the default configuration in the same state, if it was measured there.
+    /// Mean objective of the default configuration in this state, if it was measured there.
     pub default_cost: Option<f64>,
     /// The number of measurements behind `cost`.
     pub measurements: i32,

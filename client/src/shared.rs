@@ -65,7 +65,7 @@ impl Shared {
         shared
     }
 
-    /// The same study for another client. The other's own state, such as its open questions, stays there.
+    /// This study for another client. The state of this client, such as its open questions, stays here.
     pub(crate) fn again(&self, core: &Arc<Core>) -> Arc<Self> {
         let context = self.context.again(core);
         // Whether it is created shows in the first question.

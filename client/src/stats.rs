@@ -57,7 +57,7 @@ counted! {
     dropped,
     /// Trials given back unmeasured.
     abandoned,
-    /// Trials that were not given back, for the same reasons; their leases run out by themselves.
+    /// Trials that were not given back, for the reasons of `dropped`; their leases run out by themselves.
     abandons_dropped,
 }
 

@@ -42,7 +42,7 @@ impl Study {
         Self { outstanding: Arc::default(), shared, _last_handle: Arc::clone(last_handle) }
     }
 
-    /// The same study by another client: the one of this process, after a fork.
+    /// This study by another client: the one of this process, after a fork.
     pub(crate) fn again(&self, client: &Client) -> Self {
         let shared = self.shared.again(&client.core);
         Self { outstanding: Arc::default(), shared, _last_handle: Arc::clone(&client.last_handle) }
@@ -106,7 +106,7 @@ impl Study {
     /// from the daemon; else the last good configuration; else the default. It never fails:
     /// [`Suggestion::problem`] gives the reason of a fallback, be it a wrong indicator or an absent daemon.
     ///
-    /// An answer that comes too late is kept for the next call with the same state, or given back.
+    /// An answer that comes too late is kept for the next call with that state, or given back.
     pub async fn suggest(&self, indicators: &Indicators) -> Suggestion {
         let shared = &self.shared;
         let mut outstanding = self.late_answer(indicators);

@@ -31,8 +31,8 @@ pub enum Source {
 /// A configuration to run next. If it came from the daemon it holds a trial: report the result with
 /// [`Suggestion::report`], or drop it, which gives the trial back. Neither ever blocks.
 ///
-/// A suggestion that did not come from the daemon ([`Suggestion::source`]) is used in the same way, but there
-/// is no trial that its result could be reported to; results are only counted ([`crate::Stats::unreported`]).
+/// A suggestion that did not come from the daemon ([`Suggestion::source`]) is used alike, but there is no
+/// trial that its result could be reported to. Such results are only counted ([`crate::Stats::unreported`]).
 #[derive(Debug)]
 #[must_use = "a dropped suggestion gives its trial back"]
 pub struct Suggestion {
@@ -197,7 +197,7 @@ impl Suggestion {
     }
 
     /// Whether what the program set up for the suggestion before serves this one: that was measured to its
-    /// end, at the same level, with the same values of all parameters that need a set-up
+    /// end, at this level, with these values of all parameters that need a set-up
     /// ([`crate::Parameter::setup`]). Where it is true only the run is left to do, unless the program's input
     /// has changed; of a trial of several frames it is true from the second on.
     ///
@@ -354,8 +354,8 @@ impl Finished {
         Self { lease: None, measurements, outcome: Outcome::Ok, attempts: 0, rest }
     }
 
-    /// The next frame of the trial, where that has frames left and the state is the same. A trial whose state
-    /// is over is given back: the mean of its first frames would be wrong for costs that rise or fall.
+    /// The next frame of the trial, where that has frames left and the state lasts. A trial whose state is
+    /// over is given back: the mean of its first frames would be wrong for costs that rise or fall.
     pub(crate) fn next_frame(
         previous: &mut Option<Self>,
         study: &Arc<StudyContext>,

@@ -80,7 +80,7 @@ fn shape(message: &DescriptorProto, field: &FieldDescriptorProto) -> String {
         nested.options.as_ref().is_some_and(prost_types::MessageOptions::map_entry)
             && field.type_name().ends_with(&format!(".{}", nested.name()))
     });
-    // Two entries with the same name may hold other types.
+    // Two entries of one name may hold other types.
     let entry = entry.map(|entry| entry.field.iter().map(|one| shape(entry, one)).collect::<Vec<_>>());
     format!(
         "{} {:?} {:?} {} optional={} oneof={oneof} {entry:?}",

@@ -120,8 +120,8 @@ pub struct ServeConfig {
     #[arg(long, env = "TREEWRIGHT_METRICS", value_name = "ADDRESS", value_parser = address, help_heading = MONITORING)]
     pub metrics: Option<SocketAddr>,
 
-    /// Serve the dashboard on this address and port. It requires the same tokens as the daemon and does not
-    /// encrypt: addresses beyond this machine need --insecure. Off by default.
+    /// Serve the dashboard on this address and port. It requires the daemon's tokens and does not encrypt:
+    /// addresses beyond this machine need --insecure. Off by default.
     #[arg(long, env = "TREEWRIGHT_DASHBOARD", value_name = "ADDRESS", value_parser = address, help_heading = MONITORING)]
     pub dashboard: Option<SocketAddr>,
 
@@ -193,7 +193,7 @@ impl ServeConfig {
         let is_port = self.listen.port() == 0 || first.port() == self.listen.port();
         if first.ip() != self.listen.ip() || !is_port {
             return Err(format!(
-                "systemd passed on a socket at {first}, but --listen names another address; make them the same"
+                "systemd passed on a socket at {first}, but --listen names another address; make them equal"
             ));
         }
         for own in others {
@@ -267,7 +267,7 @@ impl ServeConfig {
         }
     }
 
-    /// The address of this daemon for others on the same database; it listens there.
+    /// The address of this daemon for others on its database; it listens there.
     #[cfg(feature = "postgres")]
     #[must_use]
     pub fn advertised(&self, listening: SocketAddr) -> String {

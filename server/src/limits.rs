@@ -213,8 +213,8 @@ pub const LAST_CHECKPOINTS: Duration = Duration::from_secs(2);
 /// Fewer completed trials behind a checkpoint are learnt again at the next start instead.
 pub const LAST_CHECKPOINT_TRIALS: u64 = 100;
 
-/// A connection that does not answer a ping within this time is closed, and the next ping follows after
-/// the same time: a vanished client's streams must not stay for ever.
+/// A connection that does not answer a ping within this time is closed, and the next ping follows after that
+/// time: a vanished client's streams must not stay for ever.
 pub const KEEPALIVE: Duration = Duration::from_secs(20);
 
 /// Longest drain that can be configured, in seconds.

@@ -126,7 +126,7 @@ pub const REASONS: [&str; 17] = [
     "defect",
 ];
 
-/// The wait before another try of the same request; `None` where waiting does not help.
+/// The wait before another try of a request; `None` where waiting does not help.
 #[must_use]
 pub fn retry_after(error: &Error) -> Option<Duration> {
     const SOON: Duration = Duration::from_millis(100);

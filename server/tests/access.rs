@@ -176,7 +176,7 @@ async fn other_studies_are_out_of_reach_and_out_of_sight() {
     }
     assert_eq!(seen, ["studies/farm-1", "studies/farm-2", "studies/hall"]);
 
-    // Every RPC gives the same words whether the study exists or not.
+    // Every RPC gives equal words whether the study exists or not.
     let mut said = std::collections::BTreeSet::new();
     let mut refused = |status: Option<Status>| {
         let status = status.expect("refused");

@@ -66,7 +66,7 @@ async fn a_new_machine_starts_from_its_group_and_new_software_from_the_fleet() {
         assert!((answer.cost - factor * best).abs() < 1e-9, "{answer:?}");
     }
 
-    // A restart changes nothing, and a machine of the same hardware with other software is no group any more.
+    // A restart changes nothing, and a machine of that hardware with other software is no group any more.
     server.stop().await;
     let server = Server::on_disk(&path, common::START_MS + 1000).await;
     let mut client = server.client().await;

@@ -54,7 +54,7 @@ async fn a_study_comes_back_as_it_was_created() {
     let read = client.get_study(wire::GetStudyRequest { name }).await;
     assert_eq!(read.unwrap().into_inner(), created);
 
-    // Sent again as it was read, it is the same study.
+    // Sent again as it was read, it is that study.
     let again = client.create_study(creation("hall", created.clone())).await;
     assert_eq!(again.unwrap().into_inner(), created);
 }

@@ -98,7 +98,7 @@ fn analysed(trials: &[TrialRecord]) -> Analysis {
     analyse(&spec(), &request, trials, &[])
 }
 
-/// The same trials of a study that maximises a rate, which is a thousand over their milliseconds.
+/// Those trials in a study that maximises a rate, which is a thousand over their milliseconds.
 fn rates() -> Analysis {
     let space = spec().space;
     let spec = StudySpec::builder(space).maximise("rate", 1.0).build().expect("sound");
@@ -121,7 +121,7 @@ fn what_is_maximised_is_told_by_its_value_and_held_to_where_it_is_high() {
     assert!((25.0..1000.0).contains(&metric.median), "{} is no rate of 1 to 40 ms", metric.median);
     assert!(influence(&rates, "steep").correlation.expect("it has an order").r < -0.5);
     let narrowed = &rates.objectives[0];
-    assert_eq!(narrowed.arguments, times.objectives[0].arguments, "the same trials are the best");
+    assert_eq!(narrowed.arguments, times.objectives[0].arguments, "equal trials are the best");
     assert!(narrowed.whole.best > narrowed.whole.median && narrowed.whole.median > narrowed.whole.dear);
     assert!(narrowed.part.worst > narrowed.whole.worst && narrowed.part.median > narrowed.whole.median);
     let words = rates.words();

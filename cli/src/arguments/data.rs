@@ -137,7 +137,7 @@ pub(crate) struct Trials {
     /// Show all trials
     #[arg(long, conflicts_with = "limit")]
     pub(crate) all: bool,
-    /// Output format; --json is the same as --format json
+    /// Output format; --json means --format json
     #[arg(long, value_enum, default_value = "table")]
     pub(crate) format: TrialFormat,
 }

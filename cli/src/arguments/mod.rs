@@ -131,7 +131,7 @@ Examples:
   treewright policy sponza --regret-budget 0.05 --abort-above 1.5
   treewright policy sponza --clear regret_budget,operation")]
     Policy(Policy),
-    /// Gives every client the same configuration: the one you name, or the best known
+    /// Gives every client one configuration: the one you name, or the best known
     #[command(
         after_help = "Examples:\n  treewright pin sponza max_depth=32 compact=true\n  treewright pin sponza"
     )]

@@ -10,7 +10,7 @@ use treewright_client::{Indicators, Measurements, Mode, OpenEnum, Outcome, Reaso
 use super::{csv_table, jsonl, optuna, vizier};
 use crate::study_file::StudyFile;
 
-/// A source of numbers that is the same in every run (xorshift64*; Vigna, 2016).
+/// A source of numbers, equal in every run (xorshift64*; Vigna, 2016).
 struct Numbers(u64);
 
 impl Numbers {

@@ -43,7 +43,7 @@ pub(super) fn export(client: &Client, export: &Export) -> Result<String, Failure
     Ok(String::new())
 }
 
-/// A name that no other file has, in the same folder.
+/// A name that no other file of the folder has.
 fn beside(path: &Path) -> PathBuf {
     let mut name = path.file_name().unwrap_or_default().to_owned();
     name.push(format!(".{}.part", std::process::id()));

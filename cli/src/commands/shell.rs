@@ -76,7 +76,7 @@ fn distinct_arguments(parameters: &[&str]) -> Result<(), Failure> {
 }
 
 /// Lines that a shell takes as assignments. Of `parameters`, those that have no value in this trial are
-/// unset: an earlier trial may have given them one in the same shell.
+/// unset: an earlier trial may have given them one in this shell.
 fn environment(trial: &str, configuration: &Configuration, parameters: &[&str], prefix: &str) -> String {
     let mut text = format!("export TREEWRIGHT_TRIAL={}\n", quoted(trial));
     for name in parameters.iter().filter(|name| configuration.get(name).is_none()) {

@@ -159,7 +159,7 @@ mod tests {
             ("studies/studies/trials/3", "studies/studies/trials/3"),
         ] {
             assert_eq!(trial_name(said), meant);
-            assert_eq!(trial_name(short(meant)), meant, "the short name is the same trial's");
+            assert_eq!(trial_name(short(meant)), meant, "the short name means that trial");
         }
     }
 }

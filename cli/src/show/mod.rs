@@ -67,7 +67,7 @@ pub(crate) fn standings(studies: &[(StudyRecord, Vec<Best>)]) -> String {
     let mut table = table(&header, &[1, 2, 3, 4, 5, 6]);
     for (study, found) in studies {
         let standings: Vec<&Standing> = found.iter().filter_map(|best| best.standing.as_ref()).collect();
-        // By the same words as everywhere: whatever a race still decides goes on.
+        // In the words of all surfaces: a search goes on while a race still decides.
         let count = |verdicts: &[StandingVerdict]| {
             let is_one =
                 |standing: &&&Standing| verdicts.iter().any(|one| one.in_short() == standing.in_short());
@@ -164,7 +164,7 @@ fn specification(spec: &StudySpec) -> String {
             ]);
         }
         line(&mut text, &indicators.trim_fmt());
-        line(&mut text, &format!("states are the same within {}", figure(spec.state_tolerance)));
+        line(&mut text, &format!("inputs are one state within {}", figure(spec.state_tolerance)));
     }
     line(&mut text, &spec.objective.to_string());
     text

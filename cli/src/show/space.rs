@@ -30,7 +30,7 @@ pub(crate) fn differences(from: &Space, to: &Space, fixed: &Configuration) -> Ve
     let removed = from.constraints().iter().filter(|constraint| !to.constraints().contains(constraint));
     lines.extend(removed.map(|constraint| format!("- always {constraint}")));
     if lines.is_empty() && from != to {
-        lines.push("~ the same parameters and constraints, in another order".to_owned());
+        lines.push("~ equal parameters and constraints, in another order".to_owned());
     }
     lines
 }

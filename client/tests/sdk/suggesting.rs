@@ -21,7 +21,7 @@ async fn the_daemon_answers_and_gets_the_result() {
     assert_eq!(suggestion.configuration().integer("max_depth").unwrap(), 32);
     assert!(suggestion.problem().is_none());
     suggestion.report(measured(12.5).with_standard_error("render_ms", 0.5), Outcome::Ok).unwrap();
-    // The next question waits for the report, or it would be answered with the same trial.
+    // The next question waits for the report, or it would be answered with that trial.
     let suggestion = study.suggest(&state(3)).await;
     assert_eq!(suggestion.trial(), Some("studies/scene/trials/2"));
     assert_eq!(suggestion.mode(), Mode::Explore);

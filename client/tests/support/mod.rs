@@ -99,7 +99,7 @@ impl Fake {
         }
     }
 
-    /// Starts it again on the same port.
+    /// Starts it again on its port.
     pub fn come_back(&mut self) {
         let runtime = tokio::runtime::Builder::new_multi_thread()
             .worker_threads(1)

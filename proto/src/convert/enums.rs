@@ -17,7 +17,7 @@ pub trait WireEnum: Copy {
     fn from_number(number: i32) -> Option<OpenEnum<Self>>;
 }
 
-/// The values have the same names on both sides; one that is missing on either does not compile.
+/// The values have equal names on both sides; one that is missing on either does not compile.
 macro_rules! wire_enums {
     ($($name:ident { $($value:ident),+ $(,)? })+) => {
         $(
@@ -54,7 +54,7 @@ wire_enums! {
 }
 
 /// Searches and predictors have the numbers of their registry. A test here checks that the contract gives
-/// these numbers to the same names, and another writes them (`tests/generated.rs`).
+/// these numbers to these names, and another writes them (`tests/generated.rs`).
 macro_rules! registered_enums {
     ($($name:ident)+) => {
         $(

@@ -92,7 +92,7 @@ impl Access {
         debug_assert_eq!(known.records.len(), stored, "two tokens have one id");
         known.revision = Some(revision);
         for (id, holder) in &known.holders {
-            // A token of the same id with another secret is another token.
+            // A token of that id with another secret is another token.
             let same = |record: &&TokenRecord| holder.stored().is_some_and(|old| old.hash == record.hash);
             holder.replace(known.records.get(id).filter(same).cloned());
         }

@@ -4,8 +4,8 @@
 //! request each have a time limit, and an idle connection is closed after a while. So a client that opens
 //! many and sends little ("slow loris") cannot hold slots that others need. `activity` keeps that time,
 //! `slots` counts connections and decides who makes room, `unfinished` limits the bytes of unfinished
-//! messages, and `body` counts them. `pages` serves the listeners for browsers and monitoring by the same
-//! rules. [`middleware`](crate::middleware) has the limits of a request that has begun.
+//! messages, and `body` counts them. `pages` serves the listeners for browsers and monitoring by these rules,
+//! too. [`middleware`](crate::middleware) has the limits of a request that has begun.
 
 mod activity;
 mod authority;

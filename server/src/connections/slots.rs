@@ -4,10 +4,10 @@
 //! slots. Within the limit of its address, no connection is refused while another can be dismissed: the
 //! oldest newcomer of the address with the most newcomers or, without newcomers, the longest unused
 //! connection of the address with the most connections. At that limit one of the address itself has to leave,
-//! by the same rule. So any number of connections without a token shuts out no client of another address that
-//! has one. A client has to send its first request before it is dismissed, and a dismissed idle client
-//! connects again with its next request. Connections with a request under way stay. A new connection waits
-//! until the other has left, so that the limit is never exceeded.
+//! by that rule. So any number of connections without a token shuts out no client of another address that has
+//! one. A client has to send its first request before it is dismissed, and a dismissed idle client connects
+//! again with its next request. Connections with a request under way stay. A new connection waits until the
+//! other has left, so that the limit is never exceeded.
 
 use std::cmp::Reverse;
 use std::collections::{BTreeMap, BTreeSet, HashMap};

@@ -290,7 +290,7 @@ impl Dashboard {
     }
 }
 
-/// Whether nothing was done because the study was not in memory: the same is worth asking again at once.
+/// Whether nothing was done because the study was not in memory: the request is worth repeating at once.
 fn is_loading(error: &Error) -> bool {
     matches!(error, Error::Loading { .. } | Error::Reloading { .. } | Error::Store(StoreError::Fenced { .. }))
 }

@@ -1,4 +1,4 @@
-//! The pages. They read through the handlers of the RPCs, so that a token sees the same data in both.
+//! The pages. They read through the handlers of the RPCs, so that a token sees equal data in both.
 
 mod compare;
 mod front;

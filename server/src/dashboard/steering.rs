@@ -2,7 +2,7 @@
 //!
 //! A form that another site sends in a browser's name changes nothing: the cookie stays away from it, and a
 //! form has to come from a page of this port ([`is_own_form`]). Forms name their study by its identity, so
-//! that one from an old page does not change another study that was created under the same id.
+//! that one from an old page does not change another study that was created under its id.
 
 use std::collections::BTreeSet;
 
@@ -31,7 +31,7 @@ struct FormChange {
     request: FormRequest,
     /// The words for the log.
     changed: String,
-    /// The command of `treewright` that does the same, and what stands there behind the study's id.
+    /// The command of `treewright` that does this, too, and what stands there behind the study's id.
     command: (&'static str, String),
 }
 

@@ -136,7 +136,7 @@ mod tests {
             [true, false, true, false, true]
         );
         links.channel(address).unwrap();
-        assert!(!links.note(address, true), "the connection is still the same");
+        assert!(!links.note(address, true), "the connection lasts");
     }
 
     #[tokio::test]

@@ -33,7 +33,7 @@ pub(super) async fn trial(
 }
 
 /// The study that a request names, under its present id, for which tokens are valid. A hidden study is denied
-/// with the same words whether it exists or not.
+/// with equal words whether it exists or not.
 ///
 /// # Errors
 /// [`Error::Denied`], and those of [`Tuning::find`].

@@ -117,7 +117,7 @@ async fn visible(
         let records = tuning.list_studies(after.as_deref(), page).await?;
         let last_page = records.len() < page as usize;
         let before = std::mem::replace(&mut after, records.last().map(|record| record.id.clone()));
-        assert!(after.is_none() || after > before, "the same studies come again and again");
+        assert!(after.is_none() || after > before, "these studies come again and again");
         found.extend(records.into_iter().filter(|record| caller.sees(&record.id)));
         if last_page || found.len() >= size as usize {
             found.truncate(size as usize);

@@ -138,7 +138,7 @@ impl Tuning {
     /// Computes the updates that reports have deferred, if a processor is free in time; otherwise they wait.
     /// Its caller holds `updating`, so that the work is not done twice.
     async fn update_models(&self, runtime: &Runtime) {
-        debug_assert!(runtime.updating.try_lock().is_err(), "two compute the same updates");
+        debug_assert!(runtime.updating.try_lock().is_err(), "two compute these updates");
         let deferred =
             |live: &mut Live| Some((live.tuner.deferred_updates()?, Arc::clone(live.tuner.spec())));
         let Some(permit) = self.planning_permit().await else {

@@ -84,7 +84,7 @@ impl Tuning {
             let Some(last) = trials.last().and_then(|trial| trial.completion) else {
                 return Ok(effect);
             };
-            assert!(last > after, "the same trials come again and again");
+            assert!(last > after, "these trials come again and again");
             after = last;
             let (study, spaces) = (fence.study().to_owned(), Arc::clone(&spaces));
             let adopted = compute(move || adopt(&study, trials, &spaces.0, &spaces.1)).await??;
@@ -95,7 +95,7 @@ impl Tuning {
     }
 
     /// Stores a change, unless it was stored meanwhile. No checkpoint is saved meanwhile: one from before the
-    /// change could be taken for one of the same space after a further change.
+    /// change could be taken for one of its space after a further change.
     async fn store_change(&self, study: &StudyName, change: &SpaceChange) -> Result<(), Error> {
         let _alone = self.pause_checkpoints().await?;
         let receipts = self

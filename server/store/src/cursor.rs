@@ -44,7 +44,7 @@ impl Cursor {
     /// Reads a token; an empty one names no place.
     ///
     /// # Errors
-    /// [`PageTokenError`] when the token was not made by [`token`](Self::token) for the same question.
+    /// [`PageTokenError`] when the token was not made by [`token`](Self::token) for this question.
     pub fn parse(token: &str, question: &[&str]) -> Result<Option<Self>, PageTokenError> {
         if token.is_empty() {
             return Ok(None);
@@ -65,7 +65,7 @@ impl Cursor {
 /// Hexadecimal digits of the check sum before the text.
 const DIGEST_DIGITS: usize = 16;
 
-/// Makes a token of `text` that only [`open`] with the same question reads.
+/// Makes a token of `text` that only [`open`] with an equal question reads.
 #[must_use]
 pub fn seal(text: &str, question: &[&str]) -> String {
     let mut token = format!("{:016x}", digest(text, question));
@@ -84,7 +84,7 @@ pub fn seal(text: &str, question: &[&str]) -> String {
 /// Reads a token that [`seal`] made.
 ///
 /// # Errors
-/// [`PageTokenError`] when the token was not made for the same question.
+/// [`PageTokenError`] when the token was not made for this question.
 pub fn open(token: &str, question: &[&str]) -> Result<String, PageTokenError> {
     if token.len() > limits::TOKEN_CHARACTERS || !token.is_ascii() || !token.len().is_multiple_of(2) {
         return Err(PageTokenError);

@@ -169,7 +169,7 @@ fn push<'d, D: Dialect>(sql: &'d mut D, column: &str, operator: Operator) -> &'d
     push_operator(sql.text(column), operator)
 }
 
-/// ` operator `; the symbols are the same in the filter language and in SQL.
+/// ` operator `; the filter language and SQL have equal symbols.
 pub(crate) fn push_operator<D: Dialect>(sql: &mut D, operator: Operator) -> &mut D {
     sql.text(" ").text(operator.symbol()).text(" ")
 }

@@ -1,4 +1,4 @@
-//! The fixed SQL that is the same for both databases.
+//! The fixed SQL that both databases share.
 
 pub(crate) const FOLDED_NAMES_DELETE: &str = "DELETE FROM former_names WHERE name <> '' \
      AND last_trial <= (SELECT last_trial FROM former_names WHERE name = '')";

@@ -142,8 +142,8 @@ pub enum StudyWrite<'a> {
 /// and returns at once, so that a caller can hold a lock while it queues and let go before it waits.
 #[async_trait]
 pub trait Store: Send + Sync + 'static {
-    /// Creates a study with an identity of its own, or finds an equal one under the same id, be it with one
-    /// of its earlier spaces. Its trial numbers begin after those of earlier studies of that id.
+    /// Creates a study with an identity of its own, or finds an equal one under its id, be it with one of its
+    /// earlier spaces. Its trial numbers begin after those of earlier studies of that id.
     async fn create_study(&self, id: &str, spec: &StudySpec, now_ms: i64) -> Result<Created, StoreError>;
 
     /// Reads a study.
@@ -259,7 +259,7 @@ pub trait Store: Send + Sync + 'static {
     /// Removes trials for good, and returns their number. Open trials stay, and so do those completed after
     /// the completion `covered`: an expired trial may have been reported since the caller looked. The trial
     /// with the highest number and the one completed last must stay, because the study's counts are read from
-    /// them. Much free space in a file is given back in the same step. A failure does not break the fence.
+    /// them. Much free space in a file is given back in that step. A failure does not break the fence.
     async fn remove_trials(&self, fence: &Fence, numbers: &[u64], covered: u64) -> Result<u64, StoreError>;
 
     /// Reads a trial.

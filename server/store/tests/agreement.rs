@@ -1,5 +1,5 @@
-//! A filter means the same in memory and in SQL: random trials, random filters, random orders, read page
-//! by page from every store.
+//! A filter has one meaning in memory and in SQL: random trials, random filters, random orders, read page by
+//! page from every store.
 
 mod common;
 
@@ -141,7 +141,7 @@ fn every_store_answers_alike() {
     let postgres = runtime.block_on(common::postgres(&database));
     let case = Cell::new(0);
     let config = ProptestConfig { cases: 128, failure_persistence: None, ..ProptestConfig::default() };
-    // The same trials and filters on every run.
+    // Equal trials and filters on every run.
     let mut runner = TestRunner::new_with_rng(config, TestRng::deterministic_rng(RngAlgorithm::ChaCha));
     let questions = prop::collection::vec((prop::collection::vec(comparison(), 0..4), order(), 1_u32..6), 24);
     runner

@@ -65,7 +65,7 @@ fn trials(version: usize) -> [Trial; 2] {
     [earlier(completed(1, 1, Outcome::Ok)), earlier(open(2))]
 }
 
-/// Rows that both databases hold in the same words: a study, a state, a visit, two trials.
+/// Rows that both databases hold in equal words: a study, a state, a visit, two trials.
 fn rows(version: usize, truth: &str, bytes: impl Fn(&[u8]) -> String) -> Vec<String> {
     let (spec, state) = searched();
     let quote = |json: &serde_json::Value| format!("'{}'", json.to_string().replace('\'', "''"));

@@ -97,7 +97,7 @@ async fn a_second_daemon_is_told_who_has_the_file() {
         message.contains(&format!("in use by another treewrightd (pid {})", std::process::id())),
         "{message}"
     );
-    // A link is another name of the same file.
+    // A link is another name of the file.
     let link = directory.path().join("link.db");
     std::os::unix::fs::symlink(&path, &link).unwrap();
     assert!(matches!(refusal(&link).await, OpenError::InUse { .. }));

@@ -153,7 +153,7 @@ async fn replicas_see_each_other_s_tokens_and_add_up_their_use() {
     assert_eq!(two.list().await.unwrap(), [token("a", 1), token("b", 2)]);
     assert_eq!(two.create(&token("a", 1)).await, Err(TokenError::Exists { id: "a".to_owned() }));
 
-    // Both count the same tokens at the same time, in opposite orders.
+    // Both count these tokens at the same time, in opposite orders.
     let used =
         |names: [&str; 2]| names.map(|name| (name.to_owned(), Usage { trials: 1, ..Usage::default() }));
     let (forth, back) = (used(["a", "b"]), used(["b", "a"]));

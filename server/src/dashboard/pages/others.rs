@@ -1,8 +1,8 @@
 //! The studies of other daemons, as their own dashboards list them.
 //!
 //! Only dashboards that the operator named are asked, never an address of a request. They are read at once,
-//! each for [`limits::DASHBOARD_PEER_WAIT`] at most, and what they tell is kept for a moment, so that open
-//! pages do not ask for the same again and again.
+//! each for [`limits::DASHBOARD_PEER_WAIT`] at most, and their answers are kept for a moment, so that open
+//! pages do not ask again and again.
 
 use std::collections::BTreeMap;
 use std::fmt::Display;

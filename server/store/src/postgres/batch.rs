@@ -25,7 +25,7 @@ pub(super) struct Batch<'r> {
 impl<'r> Batch<'r> {
     /// Adds a commit, or leaves it out when it must wait for the batch. It waits if the batch completes one
     /// of its trials, so that the database sees both changes and can refuse to change a final one. It also
-    /// waits for another epoch of the same study.
+    /// waits for another epoch of that study.
     pub(super) fn add(&mut self, fence: &Fence, rows: &'r Rows) -> bool {
         let study = fence.key();
         let completed = TrialState::Completed.word();

@@ -277,7 +277,7 @@ pub(super) const TRIALS_DELETE: &str = "WITH held AS MATERIALIZED (SELECT id FRO
      AND t.state <> 'OPEN' AND (t.completion IS NULL OR t.completion <= $4) RETURNING t.number) \
      SELECT (SELECT count(*) FROM held), (SELECT count(*) FROM gone)";
 
-/// Also removes surplus parts of an earlier attempt at the same checkpoint. Changes nothing where the study's
+/// Also removes surplus parts of an earlier attempt at this checkpoint. Changes nothing where the study's
 /// epoch no longer holds: the other checkpoint is then that of the present holder.
 pub(super) const OTHER_CHECKPOINTS_DELETE: &str = "WITH held AS MATERIALIZED (SELECT id FROM studies \
      WHERE id = $1 AND epoch = $2 AND name IS NOT NULL FOR NO KEY UPDATE) \

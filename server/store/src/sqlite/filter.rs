@@ -1,7 +1,7 @@
 //! Filters in SQLite's own terms: `json_extract` and `json_type`.
 //!
 //! SQLite reads a number in JSON text to within a last digit, not always exactly. So a number to compare is
-//! bound as JSON text as well. Both are read in the same way, and equal numbers stay equal.
+//! bound as JSON text as well. Both are read alike, and equal numbers stay equal.
 
 use sqlx::{QueryBuilder, Sqlite};
 

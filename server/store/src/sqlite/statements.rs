@@ -174,7 +174,7 @@ pub(super) const PART_UPSERT: &str = "INSERT INTO checkpoints (study, completion
      VALUES ($1, $2, $3, $4, $5) \
      ON CONFLICT (study, completion, part) DO UPDATE SET parts = excluded.parts, bytes = excluded.bytes";
 
-/// Also removes surplus parts of an earlier attempt at the same checkpoint.
+/// Also removes surplus parts of an earlier attempt at this checkpoint.
 pub(super) const OTHER_CHECKPOINTS_DELETE: &str =
     "DELETE FROM checkpoints WHERE study = $1 AND (completion <> $2 OR part >= $3)";
 

@@ -1,11 +1,11 @@
 //! Stored tokens: rights, expiry and quotas of their holders.
 //!
-//! [`TokenStore`] stands beside [`Store`](crate::Store) and in the same database, so that one backup holds
-//! both, and several daemons on one database accept the same tokens. Only the SHA-256 of a token's secret is
-//! kept. A slow password hash would buy nothing: the secret is 256 random bits, so that guessing is hopeless
-//! at any speed, while every request pays for the hash.
+//! [`TokenStore`] stands beside [`Store`](crate::Store), in one database, so that one backup holds both, and
+//! several daemons on it accept equal tokens. Only the SHA-256 of a token's secret is kept. A slow password
+//! hash would buy nothing: the secret is 256 random bits, so that guessing is hopeless at any speed, while
+//! every request pays for the hash.
 //!
-//! The command line writes to the same tables while the daemon runs. [`TokenStore::revision`] shows such a
+//! The command line writes to these tables while the daemon runs. [`TokenStore::revision`] shows such a
 //! change to the daemon at little cost.
 
 mod memory;
