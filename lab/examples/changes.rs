@@ -208,7 +208,7 @@ fn main() {
         for (name, is_loaded, tells_cpu) in [
             ("quiet", false, false),
             ("0 to 2 other programs", true, false),
-            ("the same, with processor time", true, true),
+            ("these, with processor time", true, true),
         ] {
             let machine = Machine { noise, is_loaded, tells_cpu };
             let all = (0..seeds).into_par_iter().map(|seed| alarms(machine, seed));

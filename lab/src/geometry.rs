@@ -1,4 +1,4 @@
-//! The hash of a scene's geometry, so that another scene under the same name is noticed.
+//! The hash of a scene's geometry, so that another scene under its name is noticed.
 
 use glam::Vec3;
 use sha2::{Digest, Sha256};

@@ -27,7 +27,7 @@ fn errors_are_compared_over_time() {
     let floor = results["reference"]["relative_mse"].as_f64().expect("it was estimated");
     for contender in contenders {
         assert_eq!(contender["runs"].as_array().map(Vec::len), Some(3));
-        // The samples are the same, hence also the errors of all structures.
+        // The samples are equal, hence also the errors of all structures.
         let ends = |field: &str| contender[field]["estimate"].as_f64().expect("it was measured");
         assert_eq!(ends("samples"), 40.0);
         assert!(ends("relative_mse") > floor);
@@ -49,7 +49,7 @@ fn errors_are_compared_over_time() {
     }
     let written = std::fs::read_to_string(path.join("c.json")).expect("it was written");
     let again: serde_json::Value = serde_json::from_str(&written).expect("it is JSON");
-    assert_eq!(again["reference"], results["reference"], "it is the same picture");
+    assert_eq!(again["reference"], results["reference"], "it is an equal picture");
 }
 
 #[test]

@@ -2,7 +2,7 @@
 //! one.
 //!
 //! The test judges the true regret, which the simulation knows and the tuner does not: at every frame, its
-//! cost less the cost of the default in its place, under the same speed of the machine.
+//! cost less the cost of the default in its place, under an equal speed of the machine.
 
 #[path = "regret_budget/session.rs"]
 mod session;

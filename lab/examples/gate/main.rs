@@ -1,4 +1,4 @@
-//! Whether searches and answers are as good as when they were last recorded, on the same seeds.
+//! Whether searches and answers are as good as when they were last recorded, on equal seeds.
 //!
 //! `cargo run --release -p treewright-lab --example gate` plays every suite and compares each figure with
 //! `lab/record/gate.json`, seed by seed. It fails where one is worse by more than three standard errors of
@@ -8,8 +8,8 @@
 //! | suite | figure |
 //! |---|---|
 //! | kernels | share of the optimum after 20, 40 and 80 trials, and of dear trials, over seven landscapes |
-//! | renderer | the same on a model of the renderer's space |
-//! | functions | the same on seven continuous functions of 2, 5 or 10 dimensions |
+//! | renderer | these shares on a model of the renderer's space |
+//! | functions | these shares on seven continuous functions of 2, 5 or 10 dimensions |
 //! | bowl, wandering, load | true gain of a confirmed search's answer, on a quiet and on disturbed machines |
 //! | flat | distance of the reported gain from zero |
 //! | contexts | regret where every round brings another context, from round 80 on; also beside 20 indicators that say nothing |

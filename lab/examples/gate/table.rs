@@ -110,7 +110,7 @@ pub(crate) fn searched(seed: u64) -> Figures {
     (0..80).for_each(|_| drop(frame(&mut tuner, &mut random, &table, 0.2)));
     (0..10 + 10 * (seed % 4)).for_each(|_| drop(frame(&mut tuner, &mut random, &other, 0.8)));
     let lacks_models = tuner.set_policy(Policy { operation: Operation::Freeze, ..policy }).expect("valid");
-    assert!(!lacks_models, "the predictor is the same");
+    assert!(!lacks_models, "the predictor does not change");
     let frozen = frame(&mut tuner, &mut random, &other, 0.8).1;
     figures.push(("frozen".to_owned(), frozen.map_or(0.0, |cost| other.least / cost)));
     figures

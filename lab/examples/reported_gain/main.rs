@@ -4,14 +4,14 @@
 //! | world | question |
 //! |---|---|
 //! | flat | all costs are equal, 7 % noise: how large is the reported gain? does its interval hold zero? |
-//! | bowl | the default is some 20 % above the best: the same questions for the true gain |
+//! | bowl | the default is some 20 % above the best: these questions for the true gain |
 //! | jump | the speed of the machine changes threefold in mid-search |
 //! | wanders | the speed of the machine wanders by 13 %, half forgotten after 14 trials, with 4 % of noise from trial to trial |
 //! | load | other programs come and go (wall time x 1, 1.6 and 2.2), with and without processor time as auxiliary metric |
 //!
-//! *before* is the gain and the configuration by the lowest mean of the same measurements, uncorrected. On
+//! *before* is the gain and the configuration by the lowest mean of those measurements, uncorrected. On
 //! machines that are not quiet the exploited configuration is compared, by its true cost, with the one that a
-//! search of the same seed exploits on a quiet machine.
+//! search of an equal seed exploits on a quiet machine.
 //!
 //! ```text
 //! cargo run --release -p treewright-lab --example reported_gain [SEEDS [TRIALS]]

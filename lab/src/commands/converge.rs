@@ -26,12 +26,12 @@ use treewright_renderer::tuning::results::SceneFacts;
 
 const MORE_HELP: &str = "\
 A reference is rendered first, with very many samples; it stands for the truth. \
-Then all contenders render the same view progressively, taking turns frame by frame. Their clocks count \
+Then all contenders render one view progressively, taking turns frame by frame. Their clocks count \
 builds and frames, and for tuned configurations also the tuning; they stand still while pictures are \
 compared with the reference. Each of --runs starts over with other random numbers.
 
 How to read the result:
-  sooner    a baseline's time to the same error over the contender's
+  sooner    a baseline's time to an error over the contender's
   [ , ]     95 % interval over the runs; five runs are a good start
 
 Read a curve down to twice the reference's own error: more --reference-spp lower that.

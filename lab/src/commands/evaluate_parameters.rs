@@ -123,7 +123,7 @@ fn tasks(arguments: &ParametersArguments) -> Vec<Task> {
 fn describe(task: Task) -> String {
     match task {
         Task::Part(part, run) => format!("{}, run {}", part.name, run + 1),
-        Task::Parts => "what the searches over parts came to, in the same rounds".to_owned(),
+        Task::Parts => "what the searches over parts came to, in shared rounds".to_owned(),
         Task::Pair(Versus::Height(height)) => format!("without and with splitting at {height} pixels down"),
         Task::Pair(Versus::Needles { angle, angles }) => {
             format!("without and with splitting beside needles, angle {} of {angles}", angle + 1)

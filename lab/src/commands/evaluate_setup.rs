@@ -105,7 +105,7 @@ pub(super) fn take_all<T>(
     let (begin, all) = (Instant::now(), missing.len());
     for (done, one) in (1_usize..).zip(missing) {
         if seconds.is_some_and(|seconds| begin.elapsed() >= Duration::from_secs(seconds)) {
-            eprintln!("the time is up; the same command goes on from here");
+            eprintln!("the time is up; this command goes on from here");
             break;
         }
         let what = take(one)?;

@@ -45,7 +45,7 @@ pub(super) const LONG_ABOUT: &str = "\
 Measure what a machine gains from its own measurements, from its group's, and from the fleet's.
 
 Machines are emulated on this one: each combination of --isa, --threads and --size is a machine, and runs in a
-process of its own. Machines with the same instruction set are a group.
+process of its own. Machines with one instruction set are a group.
 
 1. Each machine searches each scene for 24 frames, by a daemon that knows nothing else.
 2. Each scene is then unseen once. Of the other scenes a predictor knows nothing, what the machine measured
@@ -58,7 +58,7 @@ The table shows geometric means of speed-ups with intervals of 95 %, drawn by re
 make them narrower. \"over less\" compares each predictor with the one that knows less: node with nothing,
 group with node, fleet with group.
 
-Ctrl-C stops; the same command goes on from there. Four machines (--threads 2) took seven minutes on two
+Ctrl-C stops; this command goes on from there. Four machines (--threads 2) took seven minutes on two
 cores, and the default has eight. Needs treewrightd in the folder of this program.";
 
 /// The examples at the end of `--help`.

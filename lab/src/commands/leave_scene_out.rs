@@ -63,7 +63,7 @@ pub(super) struct Arguments {
     #[command(flatten)]
     scenes: SceneArguments,
 
-    /// Number of render threads and size of pictures. Further runs with the same book measure others.
+    /// Number of render threads and size of pictures. Further runs with that book measure others.
     #[arg(long, value_name = "THREADS@WIDTHxHEIGHT", default_value = "2@320x240")]
     context: Context,
 

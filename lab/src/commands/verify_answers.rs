@@ -28,7 +28,7 @@ use crate::leave_scene_out::suite::Entry;
 /// Seed of the random splits.
 const FOLD_SEED: u64 = 1;
 
-/// How cameras are parted, the same in both commands.
+/// How cameras are parted, equally in both commands.
 #[derive(Args, Clone, Debug)]
 pub(super) struct FoldArguments {
     /// The record.
@@ -164,7 +164,7 @@ pub(super) fn run(arguments: &VerifyArguments) -> Result<(), CliError> {
             missing.push((place, all));
         }
     }
-    eprintln!("what is compared at {} cameras is not measured in the same rounds yet", missing.len());
+    eprintln!("what is compared at {} cameras is not measured in shared rounds yet", missing.len());
     let (interrupt, space) = (Interrupt::listen(), Arc::new(examined.space.clone()));
     let mut loaded: Option<Stage> = None;
     take_all(missing, None, |(place, configurations)| {

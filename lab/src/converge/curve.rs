@@ -1,9 +1,9 @@
-//! Several contenders render the same view progressively; their errors are noted over time.
+//! Several contenders render one view progressively; their errors are noted over time.
 //!
 //! The machine's speed drifts, so contenders take turns frame by frame and each turn begins with another one.
-//! Within a run all have the same seed: after as many samples they have the same picture, and only the time
-//! differs. Runs have seeds of their own and are independent of one another. Each run rebuilds each
-//! structure. Errors are measured while no clock runs.
+//! Within a run all have one seed: after as many samples their pictures are equal, and only the time differs.
+//! Runs have seeds of their own and are independent of one another. Each run rebuilds each structure. Errors
+//! are measured while no clock runs.
 
 use serde::Serialize;
 use treewright_accel::Structure;
@@ -286,7 +286,7 @@ mod tests {
             );
             for (a, b) in tree.all_points().zip(native.all_points()) {
                 let ratio = a.relative_mse / b.relative_mse;
-                assert!((0.9..1.1).contains(&ratio), "the same samples, {ratio} of the error");
+                assert!((0.9..1.1).contains(&ratio), "equal samples, {ratio} of the error");
                 assert!(a.render_ms > 0.0 && b.render_ms > 0.0);
             }
             assert!(tree.points[8].relative_mse < tree.points[0].relative_mse / 6.0);

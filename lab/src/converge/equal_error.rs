@@ -1,6 +1,6 @@
 //! How much earlier one contender reaches an error than another.
 //!
-//! Within a run all errors are of the same samples, so the ratio of two contenders' times depends only on the
+//! Within a run all errors are of equal samples, so the ratio of two contenders' times depends only on the
 //! machine and the structures. Times are interpolated between the points of a run on logarithmic axes, where
 //! the curves are lines. The errors are those of a baseline after a few, some and many samples. Early on the
 //! builds decide, later the frames; tuning pays off in between.

@@ -33,7 +33,7 @@ impl Yardstick {
         &self.reference
     }
 
-    /// Mean over pixels and channels of the squared error over the squared reference. 0 for the same picture.
+    /// Mean over pixels and channels of the squared error over the squared reference. 0 for equal pictures.
     ///
     /// # Panics
     /// If the sizes differ.

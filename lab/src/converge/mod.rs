@@ -2,8 +2,8 @@
 //!
 //! The gain of a faster structure is the time saved until a picture is good enough, build and tuning
 //! included. So every contender renders progressively, and the clock is stopped while its picture is compared
-//! with a converged reference. The results are errors over seconds: curves, and how much earlier than
-//! another a contender reaches the same error.
+//! with a converged reference. The results are errors over seconds: curves, and how much earlier than another
+//! a contender reaches an error.
 //!
 //! | module | contents |
 //! |---|---|

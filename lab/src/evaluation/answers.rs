@@ -4,8 +4,8 @@
 //! itself. The RBF model has three further entrants, which choose among other candidates than the product's
 //! model keeps: the last iteration of each search, as the paper has it (section 7.1.2), with the model taught
 //! all iterations or those alone, and everything that was tried. The last entrant is the service as it
-//! answers: a study with the default policy, to which a client brings the same iterations. States, portfolio
-//! and proof take part there.
+//! answers: a study with the default policy, to which a client brings these iterations. States, portfolio and
+//! proof take part there.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -381,7 +381,7 @@ mod tests {
         assert_eq!(of(RBF_AMONG_ALL), of("rbf_greedy_gq"), "three configurations are all kept as candidates");
         // It recognises the state, and its own measurements prove the best.
         assert_eq!(of(SERVICE), Some(&best));
-        // Where nothing is known the service has an answer all the same, as its users do.
+        // Where nothing is known the service still has an answer, as its users do.
         let untaught = examined(Vec::new());
         assert_eq!(untaught.get(&(annex.clone(), SERVICE.to_owned())), Some(&default));
         assert_eq!(untaught.get(&(annex.clone(), "nearest_neighbour".to_owned())), None);

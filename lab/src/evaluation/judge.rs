@@ -3,8 +3,8 @@
 //! At every camera that examines, the configuration that a predictor answered is held against four: the mean
 //! of the search's iterations (Figures 12 and 15), the best that the search found (the roofline, Figures 13
 //! and 16), the best fixed configuration by the cameras that teach, and the recommended default. A search's
-//! best of eighty measurements is partly luck; so it was measured again in the same rounds as the answers,
-//! and that is what counts here. The single measurement, which is the paper's roofline, stands beside it.
+//! best of eighty measurements is partly luck; so it was measured again in shared rounds with the answers,
+//! and that measurement counts here. The single measurement, which is the paper's roofline, stands beside it.
 //! Those rounds also hold the default, the best fixed configurations and what a search had found on its way;
 //! in older records the first two are held against the roofline in other rounds. All costs are by the clock
 //! that the searches went by.
@@ -49,7 +49,7 @@ pub(crate) struct Ground {
     pub(crate) roofline_once_ms: f64,
     /// Its configuration measured again.
     pub(crate) roofline_ms: f64,
-    /// Its speed over that of the recommended default, in the same rounds.
+    /// Its speed over that of the recommended default, in shared rounds.
     pub(crate) search_over_default: f64,
     /// Cost of every iteration, in milliseconds; absent where it failed.
     pub(crate) curve_ms: Vec<Option<f64>>,
@@ -68,7 +68,7 @@ pub(crate) struct Row {
     pub(crate) predicted_ms: f64,
     /// Its speed over the mean of the search's iterations.
     pub(crate) over_search: f64,
-    /// Its speed over that of the roofline, measured in the same rounds: 1 is level, more is better.
+    /// Its speed over that of the roofline, measured in shared rounds: 1 is level, more is better.
     pub(crate) of_roofline: f64,
     /// Its speed over the roofline's single measurement.
     pub(crate) of_roofline_once: f64,
@@ -89,7 +89,7 @@ pub(crate) struct Verdict {
     pub(crate) cameras: usize,
     /// Those of them where the search and the default can be compared.
     pub(crate) grounds: Vec<Ground>,
-    /// A camera has none where the roofline was not measured in the same rounds.
+    /// A camera has none where the roofline was not measured in shared rounds.
     pub(crate) rows: Vec<Row>,
     /// The best fixed configuration over all cameras, for people.
     pub(crate) fixed: Option<String>,
@@ -100,12 +100,12 @@ pub(crate) struct Verdict {
     /// Number of unmeasured answers of an entrant. Such an entrant has no rows.
     pub(crate) unmeasured: BTreeMap<String, usize>,
     /// Cameras where the default, the best fixed configuration and the search's best at each milestone were
-    /// measured in the same rounds as the answers.
+    /// measured in shared rounds with the answers.
     pub(crate) same_rounds: usize,
 }
 
 impl Verdict {
-    /// Whether all were measured in the same rounds at every camera.
+    /// Whether all were measured in shared rounds at every camera.
     pub(crate) fn is_whole(&self) -> bool {
         self.same_rounds == self.cameras
     }
@@ -197,8 +197,8 @@ impl View<'_> {
         group.cost(configuration, self.objective, self.record.conditions.clock)
     }
 
-    /// What an answer is worth that took so long; whose it is comes later. `None` where the roofline was not
-    /// measured in the same rounds.
+    /// The worth of an answer that took `predicted_ms`; whose it is comes later. `None` where the roofline
+    /// was not measured in shared rounds.
     fn row(
         &self,
         ground: &Ground,
@@ -290,8 +290,8 @@ impl View<'_> {
         best.map(|(configuration, _)| configuration.clone())
     }
 
-    /// Speed of a search's best over another configuration, in the same rounds: those of the answers where
-    /// they hold both, else those of the fixed configurations.
+    /// Speed of a search's best over another configuration, in shared rounds: those of the answers where they
+    /// hold both, else those of the fixed configurations.
     fn over_found(&self, search: &Search, other: &Configuration) -> Option<f64> {
         [GroupKind::Answers, GroupKind::Fixed].into_iter().find_map(|kind| {
             let group = self.record.groups.get(&(kind, search.place.clone()))?;

@@ -95,7 +95,7 @@ impl Stage {
         self.workload.state(&self.scene.with_camera(&self.cameras[camera as usize]))
     }
 
-    /// The setting in which one configuration is measured: one frame of the same rays.
+    /// The setting in which one configuration is measured: one frame of equal rays.
     fn setting(&self, camera: u32, objective: Objective) -> SearchSetting {
         let view =
             View { camera: self.cameras[camera as usize], seed: RAYS_SEED, bounces: self.conditions.bounces };

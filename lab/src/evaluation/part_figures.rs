@@ -45,7 +45,7 @@ impl<'a> Run<'a> {
     }
 }
 
-/// Speed of the searches' results over the default, all measured in the same rounds.
+/// Speed of the searches' results over the default, all measured in shared rounds.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct PartGain {
     /// Of their geometric mean, round by round.

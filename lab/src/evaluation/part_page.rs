@@ -117,7 +117,7 @@ fn parts_section(record: &Record, space: &TuningSpace) -> String {
             let _ = write!(
                 text,
                 "<h2>{}</h2><p class=\"soft\">All other parameters at their recommended values. The best that each search found, its last \
-                 iteration and the default were measured again in the same interleaved rounds, each with a fresh build: median of the \
+                 iteration and the default were measured again in shared, interleaved rounds, each with a fresh build: median of the \
                  geometric mean of the searches over the rounds, its interval of 95 % where there are at least six rounds, and the least and \
                  most of single searches. The middle half of each parameter in the last quarter of the iterations. In the figures one colour \
                  a search, later iterations darker, dashed the recommended default.</p>{missing}{}{figures}",
@@ -133,7 +133,7 @@ fn parts_section(record: &Record, space: &TuningSpace) -> String {
 const NOT_AGAIN: &str = "<p class=\"warn\">Gains are left out where the default and what the searches came to were not measured in the \
                          same rounds; <code>evaluate parameters</code> measures them.</p>";
 
-/// The results of the searches over a part in a scene, and the default, measured again in the same rounds.
+/// The results of the searches over a part in a scene, and the default, measured again in shared rounds.
 struct Again {
     default_ms: f64,
     /// Of the best that each found, and of its last iteration.

@@ -1,7 +1,7 @@
 //! Error of the tuner against run time: the cost of the best configuration so far over that of the roofline,
 //! after each milestone of trials, beside the answers without a search.
 //!
-//! All costs are of the same interleaved rounds: a search's best at each milestone was measured again there,
+//! All costs are of shared, interleaved rounds: a search's best at each milestone was measured again there,
 //! as were the roofline, the default, the best fixed configuration and the predictors' answers. The least of
 //! many single measurements, which guides the search itself, is partly luck and is not used here. Where a
 //! record lacks those rounds there is no cost.
@@ -25,7 +25,7 @@ pub(crate) struct Moment {
     pub(crate) trials: usize,
     /// Building and rendering before, in seconds: the median of the cameras.
     pub(crate) seconds: f64,
-    /// Cost over that of the roofline; absent where it was not measured in the same rounds.
+    /// Cost over that of the roofline; absent where it was not measured in shared rounds.
     pub(crate) cost: Option<Mean>,
     /// Cameras behind that.
     pub(crate) cameras: usize,
@@ -159,7 +159,7 @@ mod tests {
         record
     }
 
-    /// Each scene left out once, and all of them in a random split; everybody answers the same.
+    /// Each scene left out once, and all of them in a random split; all answers are equal.
     fn verdict(record: &Record, answers: &[(&str, Configuration)]) -> Verdict {
         let all: Vec<Place> = SCENES.map(place).to_vec();
         let answered = |places: &[Place]| -> Answers {

@@ -78,7 +78,7 @@ pub(crate) fn progress(record: &Record, verdict: &Verdict) -> String {
     let [at_once, searched] = moments(record, verdict);
     let mut text = format!(
         "<h3>Error of the tuner against run time</h3><p class=\"soft\">Cost over that of the roofline. What a search had found after that number of \
-         trials was measured again in the same interleaved rounds as the roofline, the default, the best fixed configuration of the other \
+         trials was measured again in shared, interleaved rounds with the roofline, the default, the best fixed configuration of the other \
          scenes, and the answers on {}. Geometric means over the cameras, with intervals of 95 % by resampling cameras. Seconds are of building \
          and rendering, median of the cameras.</p>",
         Split::Random.words()
@@ -86,7 +86,7 @@ pub(crate) fn progress(record: &Record, verdict: &Verdict) -> String {
     if !verdict.is_whole() {
         let _ = write!(
             text,
-            "<p class=\"warn\">Measured in the same rounds at {} of {} cameras. Costs of the search, the default and the best fixed \
+            "<p class=\"warn\">Measured in shared rounds at {} of {} cameras. Costs of the search, the default and the best fixed \
              configuration are left out; <code>evaluate verify</code> measures them.</p>",
             verdict.same_rounds, verdict.cameras
         );

@@ -425,7 +425,7 @@ mod tests {
         let mut open = OpenRecord::open(&path, &conditions(80)).expect("it is begun");
         // An older line says nothing of its scene.
         for hash in [None, Some("aaaaaaaaaaaaaaaa"), Some("aaaaaaaaaaaaaaaa")] {
-            open.add(of(open.record.groups.len() as u32, hash)).expect("it is the same scene");
+            open.add(of(open.record.groups.len() as u32, hash)).expect("it is that scene");
         }
         let message = open.add(of(3, Some("bbbbbbbbbbbbbbbb"))).expect_err("another scene").to_string();
         for word in ["hall", "aaaaaaaaaaaa,", "bbbbbbbbbbbb)", "another name"] {

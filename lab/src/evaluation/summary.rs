@@ -162,6 +162,6 @@ mod tests {
         let [low, high] = found.interval.expect("four cameras");
         assert!((0.5..1.0).contains(&low) && high > 1.0 && high <= 2.0, "{low} {high}");
         assert_eq!(mean_of(&[2.0, 2.0]).interval, None);
-        assert_eq!(found, mean_of(&[0.5, 2.0, 1.0, 1.0, f64::NAN]), "the same each time");
+        assert_eq!(found, mean_of(&[0.5, 2.0, 1.0, 1.0, f64::NAN]), "equal each time");
     }
 }

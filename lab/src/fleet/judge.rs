@@ -12,8 +12,8 @@ use super::record::{At, Record};
 use crate::converge::bootstrap::{Interval, geometric, interval};
 use crate::leave_scene_out::book::RecordedRounds;
 
-/// Speed-ups of an answer, as geometric means over all machines and unseen scenes. Machines in the same scene
-/// are not independent, so intervals are drawn by resampling scenes.
+/// Speed-ups of an answer, as geometric means over all machines and unseen scenes. Machines in one scene are
+/// not independent, so intervals are drawn by resampling scenes.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub(crate) struct Row {
     /// The group whose machines were asked; absent for all of the fleet.

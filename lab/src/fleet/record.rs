@@ -78,7 +78,7 @@ impl Record {
         Ok(record)
     }
 
-    /// Begins a record, or continues one with the same conditions.
+    /// Begins a record, or continues one with these conditions.
     pub(crate) fn open(path: &Path, conditions: &Conditions) -> Result<Self, CliError> {
         json_lines::begin(path, conditions)?;
         let record = Self::read(path)?;

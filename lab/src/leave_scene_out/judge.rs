@@ -27,7 +27,7 @@ pub(crate) fn key(kind: &str, objective: Objective, scene: &str, context: &str) 
     format!("{kind} {} {scene} {context}", objective.name())
 }
 
-/// Costs of each configuration on a scene, in units of native Embree's default in the same rounds.
+/// Costs of each configuration on a scene, in units of native Embree's default in these rounds.
 pub(crate) fn relative_costs(
     rounds: &RecordedRounds,
     frames_per_build: u32,
@@ -127,7 +127,7 @@ pub(crate) struct Row {
     pub(crate) over_fixed: BTreeMap<u32, Ratio>,
     /// Over native Embree used well, in its best quality.
     pub(crate) over_used_well: BTreeMap<u32, Ratio>,
-    /// Speed over that of the best configuration in the same rounds; 1 is the roofline itself.
+    /// Speed over that of the best configuration in these rounds; 1 is the roofline itself.
     pub(crate) of_roofline: BTreeMap<u32, f64>,
     /// The answer after the last frame over native Embree's default.
     pub(crate) over_default: Ratio,
@@ -201,7 +201,7 @@ fn row(
     };
     let named = rounds.find(&FIXED_OF_OTHERS)?;
     let same = |one: &&RecordedContender| fixed.is_some() && one.configuration.as_ref() == fixed;
-    // Answers that are the same configuration come earlier, and are runs of their own.
+    // Answers that are this configuration come earlier, and are runs of their own.
     let fixed = if same(&named) { named } else { rounds.contenders.iter().rfind(same).unwrap_or(named) };
     let uses = rounds.contenders.iter().filter_map(|one| match one.who {
         Who::UsedWellIn(variant) => Some((one, variant.quality)),

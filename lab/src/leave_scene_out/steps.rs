@@ -63,8 +63,8 @@ impl Stage {
         View { camera: self.renderer.scene().cameras[0], seed: SEED, bounces: BOUNCES }
     }
 
-    /// All configurations that serve all scenes, in the same rounds: native Embree used well, those written
-    /// by hand, and the winners of every scene.
+    /// All configurations that serve all scenes, in shared rounds: native Embree used well, those written by
+    /// hand, and the winners of every scene.
     pub(crate) fn candidates(
         &mut self,
         book: &Book,

@@ -1,5 +1,5 @@
-//! The paper's evaluation as a user runs it, small: recorded in pieces, judged twice to the same bytes, and
-//! its page.
+//! The paper's evaluation as a user runs it, small: recorded in pieces, judged twice to equal bytes, and its
+//! page.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -46,7 +46,7 @@ fn an_evaluation_is_recorded_in_pieces_and_judged_to_the_same_bytes() {
         succeeds(path, &format!("report --record r.jsonl --folds 3 --out {out}"));
     }
     let (first, second) = (files(&path.join("a")), files(&path.join("b")));
-    assert_eq!(first, second, "the same record gives the same bytes");
+    assert_eq!(first, second, "equal records give equal bytes");
     let named = [
         "answers-render.csv",
         "answers-total.csv",
@@ -69,7 +69,7 @@ fn an_evaluation_is_recorded_in_pieces_and_judged_to_the_same_bytes() {
             page.find(wrong).map(|at| page[at.saturating_sub(60)..].chars().take(120).collect::<String>());
         assert_eq!(place, None, "every number is one, and nothing is loaded");
     }
-    for warning in ["Left out for", "Measured in the same rounds at", "Gains are left out"] {
+    for warning in ["Left out for", "Measured in shared rounds at", "Gains are left out"] {
         assert!(!page.contains(warning), "{warning}");
     }
     assert_eq!(first["progress-render.csv"].matches("\"search\",").count(), 2, "after five trials and six");

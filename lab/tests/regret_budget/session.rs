@@ -53,7 +53,7 @@ fn cost(trial: &Trial, adversarial: bool) -> f64 {
 }
 
 impl Session {
-    /// A session with a budget of 2 to 10 %, or the same without one.
+    /// A session with a budget of 2 to 10 %, or without one.
     pub(crate) fn run(seed: u64, frames: u64, has_budget: bool) -> Self {
         let budget = 0.02 + 0.08 * (seed % 7) as f64 / 6.0;
         let mut random = ChaCha8Rng::seed_from_u64(seed);

@@ -35,7 +35,7 @@ impl Triangles {
         Ok(Self { positions: Arc::new(positions), indices: Arc::new(indices), masks: None, range })
     }
 
-    /// The same triangles with their vertices elsewhere.
+    /// These triangles with their vertices elsewhere.
     pub fn moved(&self, positions: Vec<Vec3A>) -> Result<Self, GeometryError> {
         check(&positions, self.indices())?;
         Ok(Self {
@@ -46,7 +46,7 @@ impl Triangles {
         })
     }
 
-    /// The same triangles, of which some have masks: rays go through those where the mask is not solid.
+    /// These triangles, of which some have masks: rays go through those where the mask is not solid.
     ///
     /// # Errors
     /// [`GeometryError`] for a card that names a triangle or a mask that does not exist, and too many masks.
@@ -100,7 +100,7 @@ impl Triangles {
         masks.is_none_or(|masks| masks.is_met(self.range.start + triangle, self.corners(triangle), ray))
     }
 
-    /// Some of these triangles, numbered in the order given, over the same vertices.
+    /// Some of these triangles, numbered in the order given, over all vertices.
     pub(crate) fn subset(&self, numbers: &[u32]) -> Self {
         let indices: Vec<_> = numbers.iter().map(|&number| self.indices()[number as usize]).collect();
         let range = 0..indices.len();
@@ -109,13 +109,13 @@ impl Triangles {
         Self { positions: Arc::clone(&self.positions), indices: Arc::new(indices), masks, range }
     }
 
-    /// Whether both are made of the same vertices' numbers.
+    /// Whether both have equal numbers of vertices at their corners.
     pub(crate) fn same_indices(&self, other: &Self) -> bool {
         (Arc::ptr_eq(&self.indices, &other.indices) && self.range == other.range)
             || self.indices() == other.indices()
     }
 
-    /// Whether these are the same triangles with their corners in the same places: O(triangles).
+    /// Whether the other's triangles are equal, with their corners in equal places: O(triangles).
     pub(crate) fn rest_as(&self, other: &Self) -> bool {
         let same_masks = match (&self.masks, &other.masks) {
             (None, None) => true,
@@ -129,7 +129,7 @@ impl Triangles {
         same_masks && self.same_indices(other) && same_places()
     }
 
-    /// A run of these triangles, numbered from 0 again, over the same vertices.
+    /// A run of these triangles, numbered from 0 again, over all vertices.
     ///
     /// # Panics
     /// If the run ends beyond the last triangle.

@@ -113,7 +113,7 @@ impl Instances {
         Ok(Self { objects, placed })
     }
 
-    /// The same objects in other places: one transformation to the world an instance.
+    /// These objects in other places: one transformation to the world an instance.
     ///
     /// # Errors
     /// [`InstanceError::NotInvertible`].
@@ -123,7 +123,7 @@ impl Instances {
         Self::new(usize::MAX, self.objects.clone(), objects.zip(places))
     }
 
-    /// Whether others place the same objects in the same order, maybe elsewhere.
+    /// Whether others place these objects in this order, maybe elsewhere.
     pub fn same_objects(&self, other: &Self) -> bool {
         let ours = self.placed.iter().map(|instance| instance.object);
         self.objects == other.objects && ours.eq(other.placed.iter().map(|instance| instance.object))

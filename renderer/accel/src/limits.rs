@@ -34,7 +34,7 @@ pub const SAH_BLOCK_SIZE_MAX: u32 = 32;
 pub const COST_MAX: f32 = 10.0;
 
 /// Default room for the references that spatial splits add, as a factor on the number of triangles. Native
-/// Embree has the same default.
+/// Embree has this default, too.
 pub const SPLIT_BUDGET: f32 = 1.2;
 
 /// Permitted `split_budget`.

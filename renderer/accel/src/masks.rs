@@ -2,8 +2,8 @@
 //!
 //! A mask is the alpha channel of an image with a cutoff. A triangle that has one is a [`Card`], and rays hit
 //! it only where the mask is solid. Barycentric weights are computed again from ray and triangle (Möller and
-//! Trumbore 1997) rather than taken from the kernel that found the hit. So with every structure and grouping
-//! of rays, one ray meets the same side of a leaf's edge.
+//! Trumbore 1997) rather than taken from the kernel that found the hit. So the side of a leaf's edge that a
+//! ray meets does not depend on the structure or the grouping of rays.
 
 use std::sync::Arc;
 

@@ -81,11 +81,11 @@ pub enum Packets {
     Four,
     /// Eight at a time, each on its own way.
     Eight,
-    /// Eight at a time that mostly go the same way.
+    /// Eight at a time that mostly go one way.
     EightCoherent,
     /// Sixteen at a time, each on its own way. Trees of our own have eight at most.
     Sixteen,
-    /// Sixteen at a time that mostly go the same way.
+    /// Sixteen at a time that mostly go one way.
     SixteenCoherent,
 }
 

@@ -32,7 +32,7 @@ fn structures(triangles: &Arc<Triangles>) -> Vec<(String, Structure)> {
     all
 }
 
-/// Rays of a small camera, line by line: neighbours go the same way.
+/// Rays of a small camera, line by line: neighbours go one way.
 fn camera(width: u32, height: u32) -> Vec<Ray> {
     let at = |x: u32, y: u32| {
         let (sx, sy) = (x as f32 / width as f32 - 0.5, y as f32 / height as f32 - 0.5);

@@ -41,7 +41,7 @@ pub struct CameraArguments {
     #[arg(long, value_name = "X,Y,Z", value_parser = vector, allow_hyphen_values = true)]
     pub eye: Option<DVec3>,
 
-    /// Point that the camera looks at, in the same lengths.
+    /// Point that the camera looks at, in the lengths of `--eye`.
     #[arg(long, value_name = "X,Y,Z", value_parser = vector, allow_hyphen_values = true)]
     pub target: Option<DVec3>,
 
@@ -62,7 +62,7 @@ impl CameraArguments {
         let camera = self.changed(chosen, &scene.placement);
         if camera.position == camera.target {
             return Err(CliError::Usage(
-                "--eye and --target are the same point: a camera looks at another".to_owned(),
+                "--eye and --target are one point: a camera looks at another".to_owned(),
             ));
         }
         Ok(camera)
@@ -98,7 +98,7 @@ impl CameraArguments {
 /// How a frame is rendered.
 #[derive(Args, Clone, Copy, Debug)]
 pub struct FrameArguments {
-    /// Random seed; the same seed gives the same picture.
+    /// Random seed; equal seeds give equal pictures.
     #[arg(long, value_name = "N", default_value_t = 1)]
     pub seed: u64,
 

@@ -1,5 +1,5 @@
-//! Commands of the laboratory: this program hands them on to `treewright-lab`, which lies in the same folder,
-//! so that a renderer that only tunes carries none of it.
+//! Commands of the laboratory: this program hands them on to `treewright-lab`, which lies in its folder, so
+//! that a renderer that only tunes carries none of it.
 
 use std::ffi::OsString;
 use std::io::ErrorKind;
@@ -21,7 +21,7 @@ pub(crate) struct Arguments {
     all: Vec<OsString>,
 }
 
-/// Becomes `treewright-lab` with the same arguments; returns only when that is not possible.
+/// Becomes `treewright-lab` with these arguments; returns only when that is not possible.
 pub(crate) fn run(command: &str, arguments: &Arguments) -> Result<(), CliError> {
     let own = std::env::current_exe()
         .map_err(|error| CliError::Failed(format!("the program's own folder is unknown: {error}")))?;

@@ -51,7 +51,7 @@ Examples:
   treewright-render bench --scene builtin:city --rounds 15
   treewright-render converge --scene builtin:hall --json hall.json
 
-The commands from leave-scene-out on are those of the program treewright-lab, which must lie in the same folder.
+The commands from leave-scene-out on are those of the program treewright-lab, which must lie in this program's folder.
 
 Environment:
   TREEWRIGHT_ISA  widest instruction set to use: sse2, avx2 or avx512. Default: the processor's best

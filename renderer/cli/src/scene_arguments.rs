@@ -26,7 +26,7 @@ pub struct SceneArguments {
     #[arg(long, value_name = "FACTOR", default_value_t = 1.0)]
     pub detail: f32,
 
-    /// Seed of a built-in scene; each seed gives another scene of the same kind.
+    /// Seed of a built-in scene; each seed gives another scene of that kind.
     #[arg(long, value_name = "N")]
     pub scene_seed: Option<u64>,
 
@@ -190,7 +190,7 @@ fn up_axis() -> impl TypedValueParser<Value = Up> {
     one_of([
         (Up::Y, "y", "As in glTF"),
         (Up::Z, "z", "As in most files from construction and for printing"),
-        (Up::X, "x", "Some of the same"),
+        (Up::X, "x", "Some of these"),
     ])
 }
 

@@ -98,7 +98,7 @@ impl Tree {
 
 impl Drop for Tree {
     fn drop(&mut self) {
-        // SAFETY: it is a tree of the same library, and nothing uses it any more.
+        // SAFETY: it is a tree of this library, and nothing uses it any more.
         unsafe { (self.functions.free)(self.tree) }
     }
 }

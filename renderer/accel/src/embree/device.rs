@@ -269,7 +269,7 @@ mod tests {
     #[test]
     fn is_one_a_process() {
         let device = Device::open(0).expect("Embree is set up");
-        let again = Device::open(0).expect("the same device");
+        let again = Device::open(0).expect("that device");
         assert!(Arc::ptr_eq(&device.inner, &again.inner));
         assert_eq!(Device::open(1).unwrap_err(), DeviceError::OtherThreads { open: 0, asked: 1 });
         assert!(matches!(Device::open(THREADS_MAX + 1), Err(DeviceError::TooManyThreads { .. })));

@@ -27,7 +27,7 @@ pub(crate) use embree4_sys::{
 /// "No geometry was hit."
 pub(crate) const INVALID_GEOMETRY: u32 = embree4_sys::RTC_INVALID_GEOMETRY_ID;
 
-// A hit without an instance comes back with the same mark, and goes out as it is.
+// A hit without an instance comes back with our own mark, and goes out as it is.
 const _: () = assert!(INVALID_GEOMETRY == crate::rays::NO_INSTANCE);
 
 /// `RTCRay` (`rtcore_ray.h`): equal in 4.2 and 4.4, declared again to stand beside [`RayHit`].

@@ -28,7 +28,7 @@ pub struct NativeInstances {
 }
 
 impl NativeInstances {
-    /// Builds the objects' scenes, then that of the instances, all with the same options.
+    /// Builds the objects' scenes, then that of the instances, all with `options`.
     pub(crate) fn build(
         device: &Device,
         triangles: &Arc<Triangles>,

@@ -113,7 +113,7 @@ impl NativeScene {
         Ok(())
     }
 
-    /// Whether there is nothing to follow: its triangles rest, and a rebuild would give the same again.
+    /// Whether there is nothing to follow: its triangles rest, and a rebuild would change nothing.
     pub(super) fn rests(&self, triangles: &Triangles, update: Update) -> bool {
         (update != Update::Rebuild || !self.refits) && self.triangles.rest_as(triangles)
     }
@@ -126,8 +126,8 @@ impl NativeScene {
         &self.device
     }
 
-    /// Bytes Embree took during the build, by its own memory monitor. A build running at the same time
-    /// on the same device is counted in.
+    /// Bytes Embree took during the build, by its own memory monitor. A build running at the same time on
+    /// this device is counted in.
     pub fn bytes(&self) -> usize {
         self.bytes
     }

@@ -134,7 +134,7 @@ fn occluded_arguments(coherent: bool) -> ffi::RTCOccludedArguments {
     }
 }
 
-/// A function for packets of 8 or 16 rays by the library's two of the same kind.
+/// A function for packets of 8 or 16 rays by the library's two of that kind.
 macro_rules! by_width {
     ($name:ident, $packet:ident, $arguments:ident, $eight:ident, $sixteen:ident) => {
         #[doc = concat!("`", stringify!($eight), "` or `", stringify!($sixteen), "`.")]

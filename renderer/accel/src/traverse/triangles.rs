@@ -2,7 +2,7 @@
 //! (1997), on many pairs of ray and triangle at once and without a division until something is hit.
 //!
 //! The lanes are either the triangles of a block with one ray, or the rays of a packet with one triangle.
-//! Both take the same operations in the same order, so that a ray's answer does not depend on its company.
+//! Both take equal operations in equal order, so that a ray's answer does not depend on its company.
 
 #![allow(unsafe_op_in_unsafe_fn, reason = "each operation is unsafe for the one reason that `Lanes` states")]
 

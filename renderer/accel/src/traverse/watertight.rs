@@ -26,7 +26,7 @@ pub(super) fn axes(ray: &Ray) -> [usize; 3] {
     [(main + 1) % 3, (main + 2) % 3, main]
 }
 
-/// One ray or several that run along the same axis most.
+/// One ray, or several that run along one axis most.
 #[derive(Clone, Copy)]
 pub(super) struct Sheared<L> {
     /// Origin in the order of the axes.

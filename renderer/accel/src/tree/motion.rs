@@ -113,7 +113,7 @@ impl Tree {
         for_node!(parameters, N => for_block!(parameters, B => self.fit::<N, B>(device, triangles, update)))
     }
 
-    /// Whether there is nothing to follow: its triangles rest, and a rebuild would give the same again.
+    /// Whether there is nothing to follow: its triangles rest, and a rebuild would change nothing.
     pub(super) fn rests(&self, triangles: &Triangles, update: Update) -> bool {
         (update != Update::Rebuild || self.motion.is_none()) && self.root.triangles.rest_as(triangles)
     }

@@ -217,7 +217,7 @@ fn relink(tree: &mut BinaryTree, node: usize, parent: usize, sibling: usize) -> 
     change + refit_above(tree, parent) + refit_above(tree, sibling)
 }
 
-/// Takes back [`relink`] with the same arguments.
+/// Takes back [`relink`] with these arguments.
 fn undo(tree: &mut BinaryTree, node: usize, parent: usize, sibling: usize) {
     let joined = tree.nodes[node ^ 1];
     place(tree, sibling, joined);

@@ -337,7 +337,7 @@ mod tests {
             let kept = roots(&two_level);
             two_level
                 .update(&device, &triangles(0.0), Some(&walkers(2.0)), update)
-                .expect("they are the same objects");
+                .expect("they are its own objects");
             two_level.validate().expect("it is sound");
             assert_eq!(roots(&two_level), kept, "{update:?}");
             assert!(two_level.objects.iter().all(|tree| tree.motion.is_none()), "{update:?}");

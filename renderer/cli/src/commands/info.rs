@@ -207,7 +207,7 @@ fn about(preset: Preset) -> &'static str {
         }
         Preset::Light => {
             "How light is looked for, with the recommended tree (tune --objective error). A scene has the parameters of the \
-             lights that it has. Whatever is chosen, pictures have the same expectation; time and noise differ."
+             lights that it has. Every choice gives pictures of equal expectation; time and noise differ."
         }
         Preset::Follow => {
             "How structures follow scenes that move (tune --objective motion): which tree is built, after how many frames it \

@@ -261,8 +261,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
     if interrupt.requested() { Err(CliError::Interrupted) } else { Ok(()) }
 }
 
-/// The study of a flight. Where a structure is fitted to what moves, its build is not what a scene at rest
-/// pays for the same tree in the same state: such flights have a study of their own.
+/// The study of a flight. Where a structure is fitted to what moves, its build costs another time than that
+/// tree in that state of a scene at rest. Such flights have a study of their own.
 fn study_of_flight(objective: Objective, space: &TuningSpace, start: &Start, moves: bool) -> String {
     let fits = moves && space.preset() == Preset::Full;
     study_id(objective, space) + if fits { "-moving" } else { "" } + &start.mark(space)

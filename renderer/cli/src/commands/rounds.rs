@@ -1,7 +1,7 @@
 //! The last rounds of `tune`: half of them run in a second process, this program once more.
 //!
 //! The second process is started as `rounds` with the arguments of `tune`, so that scene, view and objective
-//! are the same. It reads what to measure from its standard input, in one line, and writes the times as JSON.
+//! are equal. It reads what to measure from its standard input, in one line, and writes the times as JSON.
 //! Its input stays open as long as the first process wants an answer, and it ends when that closes.
 
 use std::io::Write;

@@ -242,10 +242,7 @@ impl Sampler<'_> {
                 for (place, film) in places.iter().zip(&mut films) {
                     if self.interrupt.requested() {
                         progress.bar.finish_and_clear();
-                        println!(
-                            "stopped after {} samples of this run; the same command goes on",
-                            progress.own
-                        );
+                        println!("stopped after {} samples of this run; this command goes on", progress.own);
                         return Err(CliError::Interrupted);
                     }
                     if claims.has(place.sequence.identity(), number) {

@@ -162,7 +162,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
     if interrupt.requested() {
         // Contenders that were not measured have no figures.
         println!(
-            "stopped after {} trials, which the study {id} holds; the same command goes on from there. Nobody was measured to the end, \
+            "stopped after {} trials, which the study {id} holds; this command goes on from there. Nobody was measured to the end, \
              so there are no results yet",
             found.trials.len()
         );

@@ -76,7 +76,7 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "N", default_value_t = 21, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..=i64::from(ROUNDS_MAX)))]
     pub(super) rounds: u32,
 
-    /// Another configuration of the same space to run against the winner, as JSON; can be repeated.
+    /// Another configuration of this space to run against the winner, as JSON; can be repeated.
     #[arg(long, value_name = "FILE")]
     pub(super) candidate: Vec<PathBuf>,
 

@@ -48,7 +48,7 @@ pub(super) fn headline(results: &TuningResults) -> String {
     let (what, does) = match results.objective {
         Objective::Render => ("structure", "renders this scene"),
         Objective::Total | Objective::Auto(_) => ("structure", "is built and rendered"),
-        Objective::Error => ("light sampling", "reaches the same error"),
+        Objective::Error => ("light sampling", "reaches an equal error"),
         Objective::Motion => ("way to follow", "keeps up with the motion"),
     };
     let pair = results.standing(&results.best).zip(results.standing(&results.baseline));
@@ -270,7 +270,7 @@ pub(super) fn pictures(results: &TuningResults, difference: f64, samples: u32) -
     let kind = match results.objective {
         Objective::Error => {
             return format!(
-                "Both pictures have {samples} samples per pixel and the same expectation; their noise differs. Times are for a picture \
+                "Both pictures have {samples} samples per pixel and equal expectations; their noise differs. Times are for a picture \
                  whose error is 10 % of its brightness."
             );
         }
@@ -279,7 +279,7 @@ pub(super) fn pictures(results: &TuningResults, difference: f64, samples: u32) -
         Objective::Motion => "bring the structure along and render",
     };
     format!(
-        "Only the time differs; the picture stays the same. The two pictures differ by {:.4} % of their brightness on average \
+        "Only the time differs; the picture does not change. The two pictures differ by {:.4} % of their brightness on average \
          ({samples} samples per pixel; times are for one sample, to {kind}).",
         difference * 100.0
     )

@@ -19,7 +19,7 @@ macro_rules! arithmetic {
     };
 }
 
-/// [`arithmetic`] of four lanes; two lanes use the lower half of the same registers.
+/// [`arithmetic`] of four lanes; two lanes use the lower half of these registers.
 macro_rules! arithmetic_128 {
     () => {
         $crate::traverse::lanes::x86::arithmetic!(_mm_set1_ps _mm_add_ps _mm_sub_ps _mm_mul_ps _mm_div_ps _mm_fmadd_ps _mm_fmsub_ps _mm_min_ps _mm_max_ps _mm_and_ps _mm_andnot_ps _mm_xor_ps);

@@ -1,6 +1,6 @@
 //! The rays of a packet against the box of one child, and all of them at once against all children.
 //!
-//! The rays have directions of the same signs, so that they share near and far planes.
+//! The signs of all rays' directions are equal, so that they share near and far planes.
 
 #![allow(unsafe_op_in_unsafe_fn, reason = "each operation is unsafe for the one reason that `Lanes` states")]
 

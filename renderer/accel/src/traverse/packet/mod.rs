@@ -1,4 +1,4 @@
-//! Sixteen rays together through the tree: for rays that mostly go the same way.
+//! Sixteen rays together through the tree: for rays that mostly go one way.
 //!
 //! A node costs one test of the rays' common frustum against all children at once, then one test of all
 //! rays against each child that the frustum meets; a triangle is tested by all rays at once. So the rays
@@ -10,7 +10,7 @@
 //!
 //! The walk does not depend on the contents of leaves, triangles or placed objects ([`PacketLeaves`]).
 //!
-//! Every ray gets the answer it gets alone: tests of boxes and triangles take the same operations in the same
+//! Every ray gets the answer it gets alone: tests of boxes and triangles take equal operations in equal
 //! order, and the frustum's margins cover their rounding.
 
 #![allow(unsafe_op_in_unsafe_fn, reason = "each operation is unsafe for the one reason that `Lanes` states")]
@@ -94,7 +94,7 @@ impl Stack {
         assert!(self.top <= ENTRIES, "the tree is deeper than permitted");
     }
 
-    /// Puts an entry below those of the same node, from `first` on, that are nearer.
+    /// Puts an entry below those of its node, from `first` on, that are nearer.
     ///
     /// # Safety
     /// [`Stack::check`] passed since the last node.
