@@ -38,7 +38,7 @@ impl Disturbance {
         });
         self.disturbed.then(|| {
             format!(
-                "the machine was disturbed: {others}the middle half of one and the same frame's times spans a factor of {:.2}; \
+                "the machine was disturbed: {others}the middle half of one frame's times spans a factor of {:.2}; \
                  measure again on a quiet machine before you rely on these figures",
                 self.spread
             )

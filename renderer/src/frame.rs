@@ -386,8 +386,8 @@ impl Renderer {
     }
 
     /// Brings a structure that was built over another moment of the scene to this one; returns `build_ms`. It
-    /// must have as many triangles, and instances of the same objects. After an error it can still be used,
-    /// as it was or refitted.
+    /// must have as many triangles, and instances of its objects. After an error it can still be used, as it
+    /// was or refitted.
     pub fn follow(&self, structure: &mut Structure, update: Update) -> Result<f64, BuildError> {
         let begin = Instant::now();
         let scene = &self.prepared.scene;

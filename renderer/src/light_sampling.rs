@@ -1,4 +1,4 @@
-//! Options of light sampling. Every choice gives pictures of the same expectation; time and noise differ.
+//! Options of light sampling. Every choice gives pictures of equal expectation; time and noise differ.
 
 use serde::{Deserialize, Serialize};
 

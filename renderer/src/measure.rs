@@ -299,7 +299,7 @@ fn frame(
         return Ok(times.with_threads(renderer.threads(), build, threads));
     }
     renderer.set_light_sampling(choice.light);
-    // The sample number is fixed, so that every contender traces the same rays.
+    // The sample number is fixed, so that every contender traces equal rays.
     film.clear();
     let rendered = || renderer.render_with(structure, &conditions.view, &choice.render, film).0;
     let (render_ms, render) = renderer.watching_threads(rendered);
@@ -452,7 +452,7 @@ mod tests {
         let [one] = all.as_slice() else { panic!("one was measured") };
         assert_eq!(one.frames.len(), 4);
         assert!(one.structure_bytes.is_some_and(|bytes| bytes > 0));
-        // Two builds take the same number of nanoseconds now and then, four of them do not.
+        // Two builds take equal numbers of nanoseconds now and then, four of them do not.
         assert!(one.frames.iter().any(|times| times.build_ms != one.frames[0].build_ms), "{:?}", one.frames);
     }
 

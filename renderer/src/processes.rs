@@ -45,7 +45,7 @@ impl Processes {
             |of: &dyn Fn(&Shift) -> f64| Summary::of(&shifts.iter().map(of).collect::<Vec<_>>()).median;
         let middle = median(&|shift| shift.by);
         let deviation = MAD_TO_DEVIATION * median(&|shift| (shift.by - middle).abs());
-        // The middle is of the same values. A shift is a difference of two processes, a ratio one of two
+        // The middle is of these values. A shift is a difference of two processes, a ratio one of two
         // contenders, so that both have twice the variance of one contender in one process.
         let count = shifts.len() as f64;
         let variance = deviation.powi(2) * count / (count - 1.0).max(1.0) - median(&|shift| shift.noise);
@@ -100,7 +100,7 @@ mod tests {
     const ROUNDS: usize = 11;
     const WORLDS: u32 = 400;
 
-    /// The same normally distributed numbers every time.
+    /// Normally distributed numbers, equal every time.
     struct Normal(u64);
 
     impl Normal {

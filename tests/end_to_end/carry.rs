@@ -207,7 +207,7 @@ fn a_running_program_goes_on_with_a_renamed_study_and_never_reports_to_one_that_
     let client = Client::connect(daemon.url(), patient).expect("a client");
     let flush = || client.flush(std::time::Duration::from_secs(20));
     let spec = client.get_study("toy").expect("there").spec().expect("readable").clone();
-    let handle = client.study("toy", spec).expect("the same");
+    let handle = client.study("toy", spec).expect("that study");
     let state = Indicators::from([("megabytes", 10.0)]);
     let open = handle.suggest(&state);
     say(daemon.url(), &["study", "rename", "toy", "hall"]);

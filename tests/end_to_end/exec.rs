@@ -53,7 +53,7 @@ fn a_program_that_prints_its_own_time_is_not_ended_by_the_clock() {
 #[test]
 fn cheaper_levels_say_what_is_worth_a_full_run() {
     let site = Site::new();
-    // At the level `small` a tenth of the loss. Where the level is in the environment, it is the same.
+    // At the level `small` a tenth of the loss. Where the level is in the environment, it is so, too.
     let script = r#"s={fidelity:10}; [ "$s" = small ] && s=1; [ "$TREEWRIGHT_FIDELITY" = {fidelity} ] || exit 9
         x={level}; y={depth}; echo "{\"loss\": $(( s * ((x-13)*(x-13) + (y-21)*(y-21) + 5) ))}""#;
     let more = ["--tune", "depth=1..30:3", "--fidelity", "small=0.1", "--trials", "30"];
@@ -228,7 +228,7 @@ fn a_local_daemon_is_started_once_and_ends_by_itself() {
     let started = all.iter().filter(|output| stderr(output).contains("started a local daemon")).count();
     assert_eq!(started, 1, "only one of them starts it");
 
-    // Another call in the same home finds it; its studies stay for the next daemon.
+    // Another call in that home finds it; its studies stay for the next daemon.
     let toy = ["exec", "toy", "--tune", "level=1..30:3", "--trials", "3", "--", "true", "{level}"];
     let done = program(1).arg("--json").args(toy).output().expect("the program starts");
     assert_eq!(json(&done)["trials"], 3);

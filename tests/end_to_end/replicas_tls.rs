@@ -122,7 +122,7 @@ async fn a_token_and_a_study_are_good_at_every_replica() {
             assert!(log[place + key.len()..].starts_with('*'), "the replicas' key stands in a log");
         }
     }
-    // A request that is passed on is no refusal, and has the same name at both replicas.
+    // A request that is passed on is no refusal, and has one name at both replicas.
     let refusals = logs[1].lines().filter(|line| line.contains("request refused"));
     assert!(refusals.clone().all(|line| line.contains("token")), "{:?}", refusals.collect::<Vec<_>>());
     assert!(logs.iter().all(|log| log.contains("round-3")));

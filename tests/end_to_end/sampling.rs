@@ -1,5 +1,5 @@
 //! Random samples are neither lost nor doubled: not when the renderer is killed, not when the daemon is, and
-//! not when several renderers work on one study. An analysis of their results gives the same bytes each time.
+//! not when several renderers work on one study. An analysis of their results gives equal bytes each time.
 
 use std::collections::BTreeMap;
 use std::io::{BufRead as _, BufReader};
@@ -96,7 +96,7 @@ fn a_renderer_that_waits_for_a_daemon_can_be_interrupted() {
 #[test]
 fn renderers_on_one_study_share_the_samples() {
     let site = Site::new();
-    // Few values, so that different samples are often of the same configuration.
+    // Few values, so that different samples are often of one configuration.
     let few = ["--parameters", "quality,branching_factor"];
     let all: Vec<Child> = ["a", "b", "c"].iter().map(|name| sampler(site.url(), name, &few)).collect();
     for one in all {
@@ -113,7 +113,7 @@ fn analyses_are_repeatable(site: &Site) {
         let read = |file: &str| std::fs::read_to_string(out.join(file)).expect(file);
         written.push(["analysis.json", "analysis.html"].map(read));
     }
-    assert_eq!(written[0], written[1], "the same trials give the same bytes");
+    assert_eq!(written[0], written[1], "equal trials give equal bytes");
     let analysis: Value = serde_json::from_str(&written[0][0]).expect("JSON");
     assert_eq!(analysis["trials"], CAMERAS * SAMPLES);
     let parameters = analysis["conditions"][0]["metrics"][0]["parameters"].as_array().expect("influences");

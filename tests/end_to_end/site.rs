@@ -37,7 +37,7 @@ impl Site {
         Self { daemon: Daemon::start_with(&file("tuning.db"), arguments, &file("log")), folder }
     }
 
-    /// After `kill -9`: another daemon on the database, at the same address.
+    /// After `kill -9`: another daemon on the database, at its address.
     pub(crate) fn killed(self) -> Self {
         let (database, address) = (self.database(), self.daemon.address().to_owned());
         self.daemon.kill();

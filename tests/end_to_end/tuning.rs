@@ -71,7 +71,7 @@ fn a_renderer_is_tuned_and_the_command_line_shows_it() {
     let best = say(site.url(), &["best", "quick"]);
     assert!(best.contains("quality"), "{best}");
     assert!(say(site.url(), &["studies"]).contains("quick"));
-    // Memory is no part of the objective, and has a front with it all the same.
+    // Memory is no part of the objective, and still has a front with it.
     let front = ask(site.url(), &["front", "quick", "--metrics", "render_ms,structure_bytes"]);
     assert!(front["runs"].as_u64() > Some(3), "{front}");
     assert!(front["points"][0]["metrics"]["structure_bytes"].as_f64() > Some(0.0), "{front}");

@@ -1,5 +1,5 @@
 //! The daemon behind the restrictions of the systemd unit that is shipped with it. The test reads
-//! `server/deploy/treewrightd.service` and lets the kernel forbid the same calls (`seccomp(2)`), as systemd
+//! `server/deploy/treewrightd.service` and lets the kernel forbid those calls (`seccomp(2)`), as systemd
 //! would do it. The process is killed at the first forbidden call, so that an ignored error hides nothing.
 
 use std::collections::{BTreeMap, BTreeSet};

@@ -1,5 +1,5 @@
 //! One word, one meaning: in a crate, no two types that are seen beyond their files have one name, and
-//! verdicts have the same words on all surfaces.
+//! verdicts have one wording on all surfaces.
 
 use std::collections::BTreeMap;
 

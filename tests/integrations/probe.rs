@@ -1,5 +1,5 @@
-//! The preloaded library before Embree: its counts are right, and its host computes the same pictures with
-//! it, without it, and where it cannot write.
+//! The preloaded library before Embree: its counts are right, and its host computes equal pictures with it,
+//! without it, and where it cannot write.
 
 use std::path::Path;
 use std::process::{Command, Stdio};

@@ -7,8 +7,8 @@
 //! library samples the work of the others ([`counts`]). `TREEWRIGHT_PROBE` names the file, to which the
 //! process's number is added, since programs start others.
 //!
-//! Embree 3 and 4 have these entry points with as many arguments of the same sizes; Mitsuba's own copy of
-//! Embree 3 has them in its namespace, hence the long names.
+//! Embree 3 and 4 have these entry points with as many arguments of equal sizes; Mitsuba's own copy of Embree
+//! 3 has them in its namespace, hence the long names.
 
 mod counts;
 mod real;

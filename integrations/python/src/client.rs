@@ -22,7 +22,7 @@ use crate::suggestion::{Suggestion, Tuner};
 const DEADLINE_MS_MAX: f64 = 3.6e6;
 
 /// A connection to a daemon, with a thread of its own. May be shared between threads. In the child of a fork
-/// it connects again at its first use, as another worker under the same name.
+/// it connects again at its first use, as another worker under its name.
 #[pyclass(module = "treewright", frozen)]
 pub(crate) struct Client(blocking::Client);
 
@@ -143,9 +143,9 @@ impl Client {
     /// ``minimise`` has the weight of each measurement, of which the weighted sum is the objective. What is
     /// to be large, such as a rate, stands in ``maximise``: its weight over the measurement is added.
     /// ``indicators`` describe the input: the lowest and the highest value of each, and ``"log"`` where
-    /// factors count; larger and smaller values are taken all the same. ``policy`` is how the daemon decides,
-    /// e.g. ``{"epsilon": 0.1}``; see ``Study.policy``. ``limits`` say what measurements may be at least and
-    /// at most, e.g. ``{"memory_mb": (None, 2000)}``; a configuration that goes beyond is infeasible.
+    /// factors count; larger and smaller values are taken, too. ``policy`` is how the daemon decides, e.g.
+    /// ``{"epsilon": 0.1}``; see ``Study.policy``. ``limits`` say what measurements may be at least and at
+    /// most, e.g. ``{"memory_mb": (None, 2000)}``; a configuration that goes beyond is infeasible.
     /// ``episode_frames`` is how many frames make a trial, for costs that rise or fall while a configuration
     /// is in use; see ``Tuner``. ``fidelities`` are cheaper levels, e.g. ``{"16": 0.1}``: the cost of a trial
     /// there as a share of a full one.

@@ -19,8 +19,8 @@ pub(crate) struct Front(FrontLoop);
 
 #[pymethods]
 impl Front {
-    /// Creates the study, or goes on with the one of that id that was made for the same metrics. All metrics
-    /// are above 0 in every run; ``1/rate`` is one that is to be large. ``trials`` are the planned runs.
+    /// Creates the study, or goes on with the one of that id that was made for these metrics. All metrics are
+    /// above 0 in every run; ``1/rate`` is one that is to be large. ``trials`` are the planned runs.
     #[new]
     #[pyo3(signature = (client, id, space, metrics, *, trials=80, limits=Named::default(), policy=Named::default()))]
     #[allow(clippy::too_many_arguments)] // some are keywords of Python
@@ -50,8 +50,8 @@ impl Front {
         python.detach(|| self.0.metrics())
     }
 
-    /// The next run; the same one until it is reported or given back. None once the planned runs are done, or
-    /// nothing more is to be tried. Raises where no daemon answers.
+    /// The next run. It stays that run until it is reported or given back. None once the planned runs are
+    /// done, or nothing more is to be tried. Raises where no daemon answers.
     fn suggest(this: &Bound<'_, Self>) -> PyResult<Option<FrontTrial>> {
         let own = this.get();
         let trial = this.py().detach(|| own.0.ask()).map_err(raised)?;

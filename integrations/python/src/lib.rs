@@ -17,7 +17,7 @@ mod trials;
 
 use pyo3::prelude::*;
 
-/// The native half of `treewright`, which has the same names.
+/// The native half of `treewright`, with equal names.
 #[pymodule]
 fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<space::Space>()?;

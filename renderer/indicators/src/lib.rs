@@ -5,19 +5,19 @@
 //!   size is its area so divided, and the variances are taken of those sizes, so that they do not depend on
 //!   the unit of length either.
 //! - Camera position and target have the range -10 to 10 in the paper, whose scenes are some ten units wide.
-//!   We measure from the middle of the scene's box in tenths of its diagonal. The same room modelled in
-//!   metres or centimetres then gives the same indicators, a camera inside lies within -5 to 5, and one
-//!   that looks at the whole scene from outside seldom leaves -10 to 10. Values beyond are kept.
+//!   We measure from the middle of the scene's box in tenths of its diagonal. A room modelled in metres or
+//!   centimetres then gives equal indicators, a camera inside lies within -5 to 5, and one that looks at the
+//!   whole scene from outside seldom leaves -10 to 10. Values beyond are kept.
 //! - Variances of triangle sizes are in millionths of the squared diagonal (squared, and squared again), on a
 //!   logarithmic scale. Over fourteen scenes they lie between 1e-12 and 4e-4 of the paper's unit, so that on
-//!   its linear range of 0 to 0.01 all scenes but one would have the same two numbers.
+//!   its linear range of 0 to 0.01 all scenes but one would have two equal numbers.
 //! - The contents of an instance count as if they stood there themselves: meshes, triangles and areas are
-//!   those of the world, so that a scene has the same indicators with instances and flattened.
+//!   those of the world, so that a scene has equal indicators with instances and flattened.
 //! - Light sources are meshes that glow, plus one each for a sky that is not black and for a sun.
 //! - The diffuse ratio weighs each surface's share of rough reflection by its area.
 //!
 //! Numbers of things and lengths span orders of magnitude, so the schema puts them on a logarithmic scale.
-//! Sums run in double precision in the order of the triangles: the same scene gives the same bits.
+//! Sums run in double precision in the order of the triangles: equal scenes give equal bits.
 //!
 //! This crate knows triangles and nothing of files or renderers, so that every program can describe its scene
 //! alike.

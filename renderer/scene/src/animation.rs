@@ -304,8 +304,8 @@ impl Animated {
         Self { rig, to_scene, factor, sources, copied: None }
     }
 
-    /// Of the same scene with its instances copied into the world: by vertex the number of the one that it
-    /// was, and that of its instance.
+    /// Of this scene with its instances copied into the world: by vertex the number of the one that it was,
+    /// and that of its instance.
     pub(super) fn copied(&self, instances: &Arc<Instances>, copies: &[(u32, u32)]) -> Self {
         let sources = copies.iter().map(|(vertex, _)| self.sources[*vertex as usize]).collect();
         let of_vertex = copies.iter().map(|(_, instance)| *instance).collect();

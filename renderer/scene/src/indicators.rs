@@ -1,7 +1,7 @@
 //! The indicators of a [`Scene`]: its meshes and lights, handed to `treewright-indicators`, which defines the
 //! indicators.
 //!
-//! - The contents of an instance count as if they stood there themselves, so that a scene has the same
+//! - The contents of an instance count as if they stood there themselves, so that a scene has equal
 //!   indicators with instances and flattened.
 //! - Light sources are meshes that glow, plus one each for a sky that is not black and for a sun.
 
@@ -106,7 +106,7 @@ mod tests {
             2.0,
             0.0,
             2.0,
-            // All twelve triangles are the same size.
+            // All twelve triangles have one size.
             0.0,
             0.0,
         ];

@@ -22,7 +22,7 @@ const SLENDER: f32 = 0.07;
 /// Lean of its axis, in radians.
 const LEAN: f32 = 0.18;
 
-/// Seed of a cylinder that joins a given scene: it has the same needles at every angle.
+/// Seed of a cylinder that joins a given scene: its needles are equal at every angle.
 const SEED: u64 = 1;
 
 /// The needles, two crossing triangles each, in two parts for two colours. `turn` is the share of a round

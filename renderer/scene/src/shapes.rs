@@ -136,7 +136,7 @@ impl Shapes {
         }
     }
 
-    /// The same with an edge at every point.
+    /// As the function above, with an edge at every point.
     pub fn turned(&mut self, base: Vec3, profile: &[(f32, f32)], segments: usize) {
         let sharp: Vec<Vec2> = profile.iter().flat_map(|point| [Vec2::from(*point); 2]).collect();
         self.lathe(base, &sharp, segments);

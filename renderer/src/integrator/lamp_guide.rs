@@ -208,7 +208,7 @@ impl<F: Fn(&Surface, &LightSample) -> bool> Lesson<'_, F> {
             .map(|(group, turn)| self.try_out(group, &places, number as u32, turn))
             .collect();
         let worth = lamps.iter().map(|(.., worth)| worth).sum::<f32>() / lamps.len() as f32;
-        // In the same unit: the mean of the places.
+        // In that unit: the mean of the places.
         let others = (total - kept).max(0.0) / places.len() as f32 * worth;
         Some(CellLamps { lamps, others })
     }

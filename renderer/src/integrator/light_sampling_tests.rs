@@ -1,5 +1,5 @@
-//! With every choice of light sampling, pictures have the same expectation, and both orders of work give the
-//! same bits.
+//! With every choice of light sampling, pictures have equal expectations, and both orders of work give equal
+//! bits.
 
 use std::sync::Arc;
 

@@ -2,7 +2,7 @@
 //!
 //! They are decided once, when a scene is prepared, from the materials of its triangles and from its lights.
 //! Each set of needs has a shading kernel of its own, compiled without the rest, so that leaving out costs no
-//! test per ray. A kernel with more features gives the same picture bit for bit.
+//! test per ray. A kernel with more features gives an equal picture, bit for bit.
 
 use serde::Serialize;
 

@@ -3,7 +3,7 @@
 //! A path's numbers are computed from where they are needed, so no generator is shared between threads and
 //! the image does not depend on the order in which pixels are rendered. Each number has its place: the vertex
 //! of the path and its purpose. A number that is not drawn costs nothing and shifts no other, so a scene
-//! without lamps draws the same bounces whether or not code for lamps is there.
+//! without lamps draws equal bounces whether or not code for lamps is there.
 //!
 //! The pairs that one place of a pixel has in sample after sample are points of Sobol's first two dimensions
 //! with Owen's scrambling: they fill the square evenly for any number of samples, and each is random by

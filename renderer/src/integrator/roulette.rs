@@ -1,4 +1,4 @@
-//! Rays that bring little, traced with a lower probability for more: the same expectation for fewer rays
+//! Rays that bring little, traced with a lower probability for more: an equal expectation for fewer rays
 //! (Arvo and Kirk, Particle Transport and Image Synthesis, SIGGRAPH 1990).
 
 use super::random::PathRandom;

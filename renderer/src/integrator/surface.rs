@@ -1,5 +1,5 @@
 //! The point where a path meets the scene: position, normals, and an origin for the next ray that does not
-//! meet the same surface again.
+//! meet this surface again.
 //!
 //! Barycentric weights are computed again from ray and triangle (Möller and Trumbore 1997), so that the
 //! rounding of one accelerator's kernel never reaches the picture: one triangle gives one point.

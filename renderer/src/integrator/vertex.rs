@@ -2,7 +2,7 @@
 //!
 //! At each point a light is sampled directly, and the surface's own sampling finds lights and sky; the two
 //! are weighed by the power heuristic (Veach 1997). Thin sheets let paths and shadow rays pass straight
-//! through, which is no bounce: the path keeps its density, so that both techniques still see the same light.
+//! through, which is no bounce: the path keeps its density, so that both techniques still see equal light.
 //!
 //! [`Kernel`]s are compiled for sets of [`Needs`]; a frame picks one and calls it for each hit, path by path
 //! or stage by stage. A call through a pointer that never changes costs a few cycles of the thousand a ray

@@ -1,6 +1,6 @@
 //! The space of light sampling, with the recommended tree.
 //!
-//! All choices give pictures of the same expectation; the objective is the time to an error. A scene has the
+//! All choices give pictures of equal expectation; the objective is the time to an error. A scene has the
 //! parameters of the lights that it has: a study for each set of kinds. The default is the way that was the
 //! best in the mean over twelve scenes (docs/measurements/light-sampling.md).
 

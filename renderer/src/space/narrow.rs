@@ -1,8 +1,8 @@
 //! Narrower spaces: parameters fixed, or held to a part of their range (paper, section 5).
 //!
-//! Every configuration of a narrower space is one of the whole space, with the same values. The
-//! recommendations of `treewright analyze` are written this way, and so are the paper's own for its two
-//! objectives (section 4.4).
+//! Every configuration of a narrower space is one of the whole space, with equal values. The recommendations
+//! of `treewright analyze` are written this way, and so are the paper's own for its two objectives (section
+//! 4.4).
 
 use std::fmt;
 use std::str::FromStr;

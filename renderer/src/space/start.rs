@@ -106,7 +106,7 @@ mod tests {
                         .collect()
                 };
                 assert_eq!(domains(&begun), domains(&space));
-                // A configuration of one space runs in the other, and is the same work.
+                // A configuration of one space runs in the other, and does equal work.
                 let tuned = space.default_configuration();
                 assert_eq!(begun.choice(&tuned).expect("the whole configuration"), space.default_choice());
                 assert!(start.mark(&begun).starts_with("-from-"));

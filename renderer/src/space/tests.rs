@@ -163,7 +163,7 @@ fn every_end_of_every_domain_is_accepted_and_makes_a_difference() {
             let count = seen.len();
             seen.sort();
             seen.dedup();
-            // Two values that give the same work would be one parameter too many, or a misspelt word.
+            // Two values that give equal work would be one parameter too many, or a misspelt word.
             assert_eq!(seen.len(), count, "{}", parameter.name);
         }
     }

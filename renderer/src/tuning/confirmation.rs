@@ -59,7 +59,7 @@ pub fn confirm(
     known: &[Rival],
 ) -> Result<Confirmed, ClientError> {
     let go_on = patience.go_on;
-    // The search's last reports come first: these trials are for the same state.
+    // The search's last reports come first: these trials are for that state.
     patience.call(|| client.flush(FLUSH))?;
     tell(renderer, study, patience, setting, known)?;
     patience.call(|| client.flush(FLUSH))?;

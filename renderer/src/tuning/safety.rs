@@ -37,8 +37,8 @@ pub struct Safety {
 }
 
 impl Safety {
-    /// Of numbers of frames with their cost, beside a start whose frames cost `start` in the same unit.
-    /// `None` without frames, or where the start has no cost above 0.
+    /// Of numbers of frames with their cost, beside a start whose frames cost `start` in that unit. `None`
+    /// without frames, or where the start has no cost above 0.
     pub fn of(costs: impl IntoIterator<Item = (u32, f64)>, start: f64) -> Option<Self> {
         let mut safety = Self { frames: 0, dear: 0, worst: 0.0 };
         for (frames, cost) in costs {

@@ -226,8 +226,8 @@ fn reference(renderer: &mut Renderer, setting: &SearchSetting, film: &mut Film) 
         .collect()
 }
 
-/// Builds and renders one trial. The sample number is fixed, so that all trials trace the same rays. The
-/// trial is stopped once it is known to cost more than `cap_ms`, but for the build, which Embree finishes.
+/// Builds and renders one trial. The sample number is fixed, so that all trials trace equal rays. The trial
+/// is stopped once it is known to cost more than `cap_ms`, but for the build, which Embree finishes.
 pub fn trial(
     renderer: &mut Renderer,
     configuration: &Configuration,

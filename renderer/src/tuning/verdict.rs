@@ -233,7 +233,7 @@ pub fn fewer_rounds_note(standings: &[Standing], wanted: u32) -> Option<String> 
         .then(|| format!("the final comparison has {rounds} rounds of {wanted}, because each takes long"))
 }
 
-/// Gains of a run's best configuration over its rivals. All ratios are medians of pairs of the same rounds.
+/// Gains of a run's best configuration over its rivals. All ratios are medians of pairs of shared rounds.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Gains {
     /// The best fixed configuration, where the search began, over native Embree's default.

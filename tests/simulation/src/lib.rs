@@ -5,9 +5,8 @@
 //! search for the replica that holds a study. Simulated are the clock, the way from client to service and
 //! back and between replicas, and the disk, a store that is durable only once its simulated write has ended.
 //! Everything runs on one thread with paused time, and all chance comes from one stream, so that a seed
-//! always gives the same world, as a fingerprint over all events shows. The method is that of FoundationDB
-//! (Zhou et al., "FoundationDB: a distributed unbundled transactional key value store", SIGMOD 2021, section
-//! 4).
+//! always gives one world, as a fingerprint over all events shows. The method is that of FoundationDB (Zhou
+//! et al., "FoundationDB: a distributed unbundled transactional key value store", SIGMOD 2021, section 4).
 //!
 //! [`plan`] draws the troubles of a world, `run` lets it take its course, and [`world`] holds its shared
 //! state; `network`, `forward`, `disk`, `durable`, `claims`, `machine` and `machine_life` are its parts, and

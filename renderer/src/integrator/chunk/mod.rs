@@ -4,8 +4,8 @@
 //! A chunk gathers hits on matt surfaces and on rough, opaque layers, in two runs of lanes, one from either
 //! end. Rare cases go through [`Kernel::vertex`](super::vertex::Kernel) as in the path-by-path way: lamps
 //! that are hit, mirrors, thin sheets, glass, triangles too small for single precision's squares. Both give
-//! the same bits. The loops are compiled for each instruction set ([`Isa::run`]). Compare Lee et al.,
-//! Vectorized Production Path Tracing (HPG 2017), who sort hits into such runs as well.
+//! equal bits. The loops are compiled for each instruction set ([`Isa::run`]). Compare Lee et al., Vectorized
+//! Production Path Tracing (HPG 2017), who sort hits into such runs as well.
 
 mod columns;
 mod passes;

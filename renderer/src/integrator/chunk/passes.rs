@@ -1,7 +1,7 @@
 //! The passes over a chunk: loops without a branch that leaves them, each over few columns.
 //!
-//! They compute the results of `vertex`, with the same functions in the same order of operations, so that
-//! pictures are equal bit for bit.
+//! They compute the results of `vertex`, with its functions in its order of operations, so that pictures are
+//! equal bit for bit.
 
 use std::ops::Range;
 

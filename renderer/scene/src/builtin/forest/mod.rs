@@ -141,7 +141,7 @@ fn plant(generator: &mut Generator, seed: u64, kind: usize, objects: &[u32]) {
         let turned =
             Quat::from_rotation_arc(Vec3::Y, out) * Quat::from_rotation_y(turn) * Quat::from_rotation_x(lean);
         let scale = [0.72, 0.7, 0.6][kind] + [0.5, 0.7, 0.9][kind] * size;
-        // Some are wider than high and some slender, so that no two look the same.
+        // Some are wider than high and some slender, so that no two look alike.
         let spread = 1.0 + 0.16 * (turn * 7.0).sin();
         let linear = Mat3::from_quat(turned) * Mat3::from_diagonal(Vec3::new(spread, 1.0, spread) * scale);
         let foot = Vec3::new(x, height(seed, x, z) - 0.05, z);
