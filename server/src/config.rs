@@ -111,7 +111,7 @@ pub struct ServeConfig {
     #[command(flatten)]
     pub capacity: CapacityConfig,
 
-    /// The other daemons on the same database.
+    /// The other daemons on this daemon's database.
     #[command(flatten)]
     pub peers: PeersConfig,
 
