@@ -1,9 +1,9 @@
 //! The workers of a client. The service hands a client that holds an open trial for a state that trial again,
 //! so a program that runs trials side by side (threads, tasks, processes) needs several names. They come by
-//! themselves: each suggestion takes a free worker of its client when it is asked for, and lets it go with
-//! its result, so that one loop is one worker and four threads are four.
+//! themselves. Each suggestion takes a free worker of its client when it is asked for, and lets it go with
+//! its result. So one loop is one worker, and four threads are four.
 //!
-//! The first worker has its client's name, the others are `NAME#2`, `NAME#3` and so on; a process takes the
+//! The first worker has its client's name, the others are `NAME#2`, `NAME#3` and so on. A process takes the
 //! lowest that no other process of its client has. So a client that starts again with as many threads finds
 //! the trials that it left open. Among the free workers the one that was last in the asked state comes first,
 //! so that loops in several states keep their workers.

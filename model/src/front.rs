@@ -1,10 +1,10 @@
 //! Several objectives: the configurations of which no other is better in every metric, a Pareto front.
 //!
 //! The service minimises one number. A front is a study whose indicator [`Front::DIRECTION`] says how the
-//! metrics are weighed: every direction is a state with a search of its own. The first directions are the
+//! metrics are weighed. Every direction is a state with a search of its own. The first directions are the
 //! metrics themselves. The others minimise the augmented Chebyshev norm of the logarithms of the metrics over
 //! their best values (Knowles, "ParEGO: a hybrid algorithm with on-line landscape approximation for expensive
-//! multiobjective optimization problems", 2006); its exponential is the cost.
+//! multiobjective optimization problems", 2006). Its exponential is the cost.
 
 use std::collections::BTreeMap;
 use std::ops::RangeInclusive;

@@ -2,7 +2,7 @@
 //!
 //! A daemon with more connections than descriptors can accept no further one, not even an orchestrator's
 //! probe. So the limit is raised as far as possible (getrlimit(2): a process may raise its soft limit to the
-//! hard one), and connections get the descriptors that the database and the other listeners do not need.
+//! hard one). Connections get the descriptors that the database and the other listeners do not need.
 
 use nix::sys::resource::{Resource, getrlimit, setrlimit};
 

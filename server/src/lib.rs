@@ -1,8 +1,8 @@
 //! The Treewright daemon: serves the tuning core over gRPC.
 //!
-//! A request's way: [`connections`] and [`tls`] bring it, [`middleware`] gives it an id and asks [`access`]
-//! for its sender, [`admission`] limits the requests in progress, [`rpc`] reads it with [`convert`],
-//! [`tuning`] does its work on a tuner in memory and on the store, [`convert`] writes the answer, and
+//! A request comes in through [`connections`] and [`tls`]. [`middleware`] gives it an id and asks [`access`]
+//! for its sender. [`admission`] limits the requests in progress. [`rpc`] reads it with [`convert`].
+//! [`tuning`] does its work on a tuner in memory and on the store. [`convert`] writes the answer, and
 //! [`status`] turns errors into gRPC codes. Where several daemons share a database, [`forward`] and [`peers`]
 //! bring it to the one that holds its study. [`metrics`] counts requests, [`refusals`] logs refused ones, and
 //! `watch` shows the figures.

@@ -1,8 +1,8 @@
 //! Certificates: read from files, and read again when the files change.
 //!
-//! The contents of the files are compared every two seconds, not their dates, so that links that are turned
-//! over (as orchestrators do) count as well; SIGHUP looks at once. A connection keeps the certificate it
-//! began with. Unusable files are refused with a line in the log, and the old certificate stays.
+//! The contents of the files are compared every two seconds, not their dates. So links that are turned over
+//! (as orchestrators do) count as well. SIGHUP looks at once. A connection keeps the certificate it began
+//! with. Unusable files are refused with a line in the log, and the old certificate stays.
 
 use std::fs::File;
 use std::io::{ErrorKind, Read as _};

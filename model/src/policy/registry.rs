@@ -1,10 +1,10 @@
 //! The registry of searches and predictors: one row for each, and the only list of them.
 //!
-//! A row has a method's description, its number on the wire, its word, and the constructor of its type. From
-//! the rows follow the enums of this crate and with them command lines, settings and their schema; the
-//! module, the storage and the choice in `treewright-core`, which alone uses the first and the last column;
-//! the conversion in `treewright-proto`; and the values and comments of the wire contract, which a command
-//! writes (`proto/tests/generated.rs`).
+//! A row has a method's description, its number on the wire, its word, and the constructor of its type. The
+//! enums of this crate follow from the rows, and with them command lines, settings and their schema. In
+//! `treewright-core`, which alone uses the first and the last column, the module, the storage and the choice
+//! follow. In `treewright-proto` the conversion follows. A command writes the values and comments of the wire
+//! contract (`proto/tests/generated.rs`).
 //!
 //! A released word or number never changes. Those of methods that are gone are retired beside `auto`, in
 //! `methods`.

@@ -1,8 +1,7 @@
 //! One domain and the unit interval.
 //!
-//! Discrete domains cut the interval into equal cells (equal in the logarithm for a log scale) and a value
-//! sits in the middle of its cell, so that uniform points give uniform values and the ends are not
-//! under-sampled.
+//! Discrete domains cut the interval into equal cells (equal in the logarithm for a log scale), and a value
+//! sits in the middle of its cell. So uniform points give uniform values, and the ends are not under-sampled.
 
 use crate::limits::{CATEGORIES_MAX, INTEGER_MAGNITUDE_MAX, TEXT_VALUE_CHARACTERS_MAX};
 use crate::space::{Domain, Scale};

@@ -1,9 +1,9 @@
 //! Typed parameter spaces: parameters, domains, conditions and constraints.
 //!
 //! A [`Space`] is checked once, when it is made. From then on every [`Configuration`] that it makes is valid.
-//! `check` holds the rules, `domain` the map of one domain to the unit interval, `builder` the interface for
-//! programs, `constraint` the language of constraints, `complete` the completion of some values to a
-//! configuration, `codec` the map of whole configurations to the unit cube in which searches work.
+//! `check` holds the rules. `domain` maps one domain to the unit interval. `builder` is the interface for
+//! programs. `constraint` has the language of constraints. `complete` completes some values to a
+//! configuration. `codec` maps whole configurations to the unit cube in which searches work.
 //!
 //! Points of the cube that break constraints are repaired: `repair` does it where all are orders of two
 //! parameters, `nearest` where there are expressions. `group` has the parameters that constraints connect,

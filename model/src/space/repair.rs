@@ -1,8 +1,8 @@
 //! Repair of points of the cube that break constraints `lesser <= greater`, where there are no others.
 //!
-//! First the two values are swapped where both domains allow it: the cube is folded along the diagonal, so
-//! uniform points stay uniform over the allowed triangle and the map stays continuous (clamping would put
-//! many samples onto the edge). Narrowing bounds removes the remaining violations.
+//! First the two values are swapped where both domains allow it. This folds the cube along the diagonal, so
+//! uniform points stay uniform over the allowed triangle and the map stays continuous. Clamping would put
+//! many samples onto the edge. Narrowing bounds removes the remaining violations.
 
 use crate::space::{Domain, Space};
 use crate::value::Value;

@@ -6,7 +6,7 @@
 //! of the study make the fleet ([`MachineLevel`]). The weights of the group and of the fleet for a machine
 //! are learnt: each of its measurements is compared with the prediction from the others' measurements. The
 //! paper leaves this to future work ("hierarchical optimization or per node optimization is promising", its
-//! section 9); the method is partial pooling (Gelman et al., "Bayesian Data Analysis", chapter 5).
+//! section 9). The method is partial pooling (Gelman et al., "Bayesian Data Analysis", chapter 5).
 //!
 //! Other software makes another machine and another group. Measurements from before a change of Embree or of
 //! the build count as the fleet's from then on, and never again as the machine's own.

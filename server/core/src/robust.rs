@@ -1,9 +1,9 @@
 //! Location, scale and change of repeated measurements that a few wild ones do not disturb.
 //!
 //! Frame times have a long tail: another process, a page fault, a clock that falls. The mean follows every
-//! one of them. The estimator of Hodges and Lehmann ("Estimates of location based on rank tests", 1963), the
-//! median of all means of two, is as good as the mean for Gaussian noise but for 5 %, and stands while fewer
-//! than 29 % of the measurements are wild. With one or two measurements it is their mean.
+//! one of them. The estimator of Hodges and Lehmann ("Estimates of location based on rank tests", 1963) is
+//! the median of all means of two. For Gaussian noise it is as good as the mean but for 5 %. It stands while
+//! fewer than 29 % of the measurements are wild. With one or two measurements it is their mean.
 
 use std::ops::Range;
 

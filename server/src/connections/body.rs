@@ -1,8 +1,8 @@
 //! Bodies of requests and answers, whose bytes count while they are unfinished.
 //!
-//! The head of a request counts, then the message under way, with the length that its prefix gives, because
-//! that much memory is reserved for it (the frames of gRPC: a flag, a length in four bytes, the message).
-//! Each piece of an answer counts until the connection has written it.
+//! The head of a request counts, then the message under way. It counts with the length that its prefix gives,
+//! because that much memory is reserved for it (a frame of gRPC is a flag, a length in four bytes, and the
+//! message). Each piece of an answer counts until the connection has written it.
 
 use std::pin::Pin;
 use std::sync::Arc;

@@ -1,13 +1,13 @@
 //! Limits of the number of connections, and the choice of the one that leaves when there are too many.
 //!
 //! A connection is a *newcomer* until a request on it was authorised. Newcomers may only have a share of the
-//! slots. Within the limit of its address, no connection is refused while another can be dismissed: the
-//! oldest newcomer of the address with the most newcomers or, without newcomers, the longest unused
+//! slots. Within the limit of its address, no connection is refused while another can be dismissed. The
+//! oldest newcomer of the address with the most newcomers leaves. Without newcomers it is the longest unused
 //! connection of the address with the most connections. At that limit one of the address itself has to leave,
-//! by that rule. So any number of connections without a token shuts out no client of another address that has
-//! one. A client has to send its first request before it is dismissed, and a dismissed idle client connects
-//! again with its next request. Connections with a request under way stay. A new connection waits until the
-//! other has left, so that the limit is never exceeded.
+//! by these rules. So any number of connections without a token shuts out no client of another address that
+//! has one. A client has to send its first request before it is dismissed, and a dismissed idle client
+//! connects again with its next request. Connections with a request under way stay. A new connection waits
+//! until the other has left, so that the limit is never exceeded.
 
 use std::cmp::Reverse;
 use std::collections::{BTreeMap, BTreeSet, HashMap};

@@ -2,11 +2,11 @@
 //!
 //! Each one takes the tuner's lock, computes, queues the change, releases the lock, waits until the change is
 //! durable, and answers. So every answer rests on durable changes. No model is fitted under the lock:
-//! `planning` does that before. `runtime` holds the tuners in memory, `loading` reads a study from the
-//! database, `checkpoints` saves knowledge so that less has to be read, `retention` removes old trials,
-//! `frames` suggests and reports, `spaces` changes spaces and answers to clients of earlier ones, `exclusion`
-//! keeps trials out of all that is learnt, `trials` and `studies` have the other requests by topic,
-//! `presence` notes absences of the daemon, `figures` collects the metrics' data.
+//! `planning` does that before. `runtime` holds the tuners in memory. `loading` reads a study from the
+//! database. `checkpoints` saves knowledge, so that less has to be read. `retention` removes old trials.
+//! `frames` suggests and reports. `spaces` changes spaces, and answers to clients of earlier ones.
+//! `exclusion` keeps trials out of all that is learnt. `trials` and `studies` have the other requests by
+//! topic. `presence` notes absences of the daemon. `figures` collects the metrics' data.
 
 mod checkpoints;
 mod compute;

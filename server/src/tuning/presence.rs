@@ -1,8 +1,9 @@
 //! Absences of the daemon: a lease that ends while the daemon cannot take reports says nothing of its
 //! configuration.
 //!
-//! It is away before it has loaded a study, and where the sweep of leases, which runs every second, has not
-//! run for long: the process was stopped, the machine slept, or the database did not answer.
+//! The daemon is away before it has loaded a study. It is also away where the sweep of leases, which runs
+//! every second, has not run for long: the process was stopped, the machine slept, or the database did not
+//! answer.
 
 use std::sync::atomic::{AtomicI64, Ordering};
 

@@ -1,7 +1,7 @@
 //! Retention: of a long history only the latest trials are kept, and those that the study still needs.
 //!
-//! A trial is removed if it is over, if the number of trials to keep were handed out after it, if a
-//! checkpoint on the disk covers its result, if no model may still need it, and if it is not the last
+//! A trial is removed once five conditions hold. It is over. The number of trials to keep were handed out
+//! after it. A checkpoint on the disk covers its result. No model may still need it. It is not the last
 //! measurement of a configuration that its state remembers. An expired trial may be reported late, even
 //! during its removal: then it stays. Last measurements stay so that a later version of the daemon, which
 //! cannot read the checkpoint, still knows each state's best. Trials are removed in small steps beside the

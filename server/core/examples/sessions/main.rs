@@ -1,7 +1,7 @@
 //! Sessions of several clients under every policy, search and predictor, with every answer.
 //!
 //! The tuner is deterministic, so the output of two versions that should behave alike can be compared line by
-//! line: run `cargo run -p treewright-core --example sessions > before.txt` before and again after a change,
+//! line. Run `cargo run -p treewright-core --example sessions > before.txt` before and again after a change,
 //! then `diff`. A section does not depend on the place of its policy, search or predictor among the others.
 //! The last column is the text for people; the others hold the clients' data and the learnt values.
 

@@ -1,15 +1,15 @@
 //! The covariance of two points: Matérn 5/2 of one weighted distance over features of mixed kind.
 //!
 //! Each feature has a weight, the inverse square of its length. Categories are 0 or 1 apart, as if one-hot
-//! coded. A feature that is active in one of two points only is as far apart as a point beside the axis is
-//! from a point on it, which keeps the distance Euclidean (after Hutter and Osborne, "A kernel for
+//! coded. A feature may be active in one of two points only. It is then as far apart as a point beside the
+//! axis is from a point on it, which keeps the distance Euclidean (after Hutter and Osborne, "A kernel for
 //! hierarchical parameter spaces", 2013).
 //!
 //! Two terms may be added. A *linear* feature adds nothing to a distance: values depend on it linearly, with
 //! a coefficient around zero whose variance takes the place of a weight (Rasmussen and Williams, chapter
 //! 2.7). It may be a sum of *parts*. Then the coefficient of each part is that of the sum plus a deviation of
 //! its own, so that measurements tell which parts hold. A quadratic *trend* is the covariance of a random
-//! quadratic function around the middle of the ordered features, a polynomial kernel (chapter 4.2.2): near a
+//! quadratic function around the middle of the ordered features, a polynomial kernel (chapter 4.2.2). Near a
 //! minimum it says how features act together, which a sum of distances cannot.
 
 /// How two values of a feature compare.

@@ -1,7 +1,7 @@
 //! The quality of the searches on a space like the paper's Table 1, where choices matter most.
 //!
-//! The landscape models measurements of Embree on three scenes: the factors of the parameters multiply, the
-//! branching factor weighs most, shallow trees are slow or cannot be built, and frames vary by 7 % with a
+//! The landscape models measurements of Embree on three scenes. The factors of the parameters multiply, and
+//! the branching factor weighs most. Shallow trees are slow or cannot be built. Frames vary by 7 %, with a
 //! rare outlier. Compact trees, which make all the other parameters meaningless, are left out as the paper
 //! does (section 4.1).
 

@@ -1,9 +1,9 @@
 //! Searches inside one state: ask for a point of the unit cube, and tell its result.
 //!
-//! A search is a small value: its state goes through serde exactly, and its randomness is derived from
-//! `(seed, state, step)` (see [`SearchSetup`]), so a search that is stored and read back goes on with the
-//! same points. Pending points (asked for, without a result) are part of the state; a point whose client is
-//! lost is withdrawn and asked again. A search is a file here and a row of the registry
+//! A search is a small value. Its state goes through serde exactly, and its randomness is derived from
+//! `(seed, state, step)` (see [`SearchSetup`]). So a search that is stored and read back goes on with equal
+//! points. Pending points (asked for, without a result) are part of the state. A point whose client is lost
+//! is withdrawn and asked again. A search is a file here and a row of the registry
 //! (`model/src/policy/registry.rs`).
 
 pub mod latin_hypercube;

@@ -1,11 +1,11 @@
 //! The stochastic Nelder-Mead simplex of Chang.
 //!
-//! Sources. Chang, "Stochastic Nelder-Mead simplex method: a new globally convergent direct search method for
-//! simulation optimization", European Journal of Operational Research 220, 2012: a Latin hypercube start, the
-//! moves of Nelder and Mead ("A simplex method for function minimization", The Computer Journal 7(4), 1965),
-//! and in the place of the shrink step, which loses good vertices under noise, an adaptive random search,
-//! local and global, until a point beats the worst vertex. The paper (section 6) explores with a variant of
-//! it.
+//! The source is Chang, "Stochastic Nelder-Mead simplex method: a new globally convergent direct search
+//! method for simulation optimization", European Journal of Operational Research 220, 2012. The search starts
+//! with a Latin hypercube and takes the moves of Nelder and Mead ("A simplex method for function
+//! minimization", The Computer Journal 7(4), 1965). Their shrink step loses good vertices under noise. An
+//! adaptive random search, local and global, takes its place until a point beats the worst vertex. The paper
+//! (section 6) explores with a variant of this search.
 //!
 //! All axes are continuous here, switches and whole numbers among them; points are rounded to configurations
 //! outside of the search. The simplex keeps its whole extent until it contracts, so that it changes switches

@@ -1,20 +1,20 @@
 //! Costs without the noise that other measurements explain.
 //!
-//! A client may report quantities beside its costs that depend on them: the processor time of a frame, which
-//! other programs hardly change, or the counted work of its rays, which has no noise at all (on counts that
-//! predict the time of tracing rays: Aila, Karras and Laine, "On quality metrics of bounding volume
-//! hierarchies", High-Performance Graphics 2013). The regression of cost on them over configurations predicts
-//! a cost by itself; its error, and the noise of costs and predictions, are estimated from configurations
-//! that were measured again. The result is the combination of the measured and the predicted cost of least
-//! variance, with the covariance of their noises: the method of control variates (Nelson, "Control variate
-//! remedies", Operations Research 38, 1990). Where the other quantities say nothing, the cost stays as
-//! measured.
+//! A client may report quantities beside its costs that depend on them. One is the processor time of a frame,
+//! which other programs hardly change. Another is the counted work of its rays, which has no noise at all (on
+//! counts that predict the time of tracing rays: Aila, Karras and Laine, "On quality metrics of bounding
+//! volume hierarchies", High-Performance Graphics 2013). The regression of cost on them over configurations
+//! predicts a cost by itself. Its error, and the noise of costs and predictions, are estimated from
+//! configurations that were measured again. The result is the combination of the measured and the predicted
+//! cost of least variance, with the covariance of their noises. This is the method of control variates
+//! (Nelson, "Control variate remedies", Operations Research 38, 1990). Where the other quantities say
+//! nothing, the cost stays as measured.
 //!
 //! Other programs come and go in spells that last for many trials. Configurations measured in one spell only
 //! would seem badly predicted, and where a search meets better ones later, the regression takes a spell for
 //! their merit. So it also runs over the differences of consecutive trials, which cancel a spell
 //! (differencing against serial correlation: Hamilton, "Time Series Analysis", 1994, chapter 8). A
-//! prediction's error is also taken against the nearer of a trial's two neighbours: a spell that begins or
+//! prediction's error is also taken against the nearer of a trial's two neighbours. A spell that begins or
 //! ends is far from one of them, a badly predicted configuration from both.
 //!
 //! A disturbance may not have happened yet when the regression is learnt. So the assumed noise of costs is a

@@ -2,12 +2,12 @@
 //!
 //! In every round each contender that still stands is measured once, so that a disturbance of the machine
 //! affects all of them. The comparison takes logarithms of ratios of costs within a round. The evidence for
-//! "the challenger is better by more than m" is an e-value: if the statement is wrong, it ever exceeds 1/α
+//! "the challenger is better by more than m" is an e-value. If the statement is wrong, it ever exceeds 1/α
 //! with a probability of at most α. So the race may look after each round and stop as soon as the evidence
 //! suffices (Ramdas, Grünwald, Vovk and Shafer, "Game-theoretic statistics and safe anytime-valid inference",
-//! Statistical Science 38, 2023). It is the mean of self-normalised supermartingales `exp(λS - λ²V/2)`, mixed
-//! over λ in closed form (Robbins, "Statistical methods related to the law of the iterated logarithm", Annals
-//! of Mathematical Statistics 41, 1970), with two choices of V:
+//! Statistical Science 38, 2023). The e-value is the mean of self-normalised supermartingales `exp(λS -
+//! λ²V/2)`, mixed over λ in closed form (Robbins, "Statistical methods related to the law of the iterated
+//! logarithm", Annals of Mathematical Statistics 41, 1970), with two choices of V:
 //! - the sum of the squares, which only needs that a ratio and its inverse are equally likely at equal costs
 //!   (de la Peña, "A general class of exponential inequalities for martingales and ratios", Annals of
 //!   Probability 27, 1999),

@@ -15,10 +15,10 @@ pub fn normal_cdf(z: f64) -> f64 {
 }
 
 /// The probability that a variable of Student's distribution with `freedom` degrees of freedom, at least 1,
-/// is at most `t`. By the transformation to a normal variable of Wallace ("Bounds on normal approximations to
-/// Student's and the chi-square distributions", Annals of Mathematical Statistics 30, 1959) with the constant
-/// of Hill's algorithm 395 (Communications of the ACM 13, 1970); off by less than 0.002 from three degrees of
-/// freedom on.
+/// is at most `t`. It takes Wallace's transformation to a normal variable ("Bounds on normal approximations
+/// to Student's and the chi-square distributions", Annals of Mathematical Statistics 30, 1959) with the
+/// constant of Hill's algorithm 395 (Communications of the ACM 13, 1970). From three degrees of freedom on it
+/// is off by less than 0.002.
 pub fn student_cdf(t: f64, freedom: f64) -> f64 {
     assert!(freedom >= 1.0, "{freedom} degrees of freedom");
     if !t.is_finite() {

@@ -2,13 +2,13 @@
 //!
 //! The lowest of many noisy measurements is mostly luck: on a landscape of equal costs, the best of 80
 //! measurements with 7 % noise looks 15 % better than the rest. The cure is a posterior with a prior that the
-//! measurements themselves shape: expected values of a choice among posteriors are not inflated by the choice
-//! (Smith and Winkler, "The optimizer's curse: skepticism and postdecision surprise in decision analysis",
-//! Management Science 52, 2006; empirical Bayes: Efron and Morris, "Stein's estimation rule and its
-//! competitors", JASA 68, 1973).
+//! measurements themselves shape. A choice among posteriors does not inflate its expected value (Smith and
+//! Winkler, "The optimizer's curse: skepticism and postdecision surprise in decision analysis", Management
+//! Science 52, 2006; empirical Bayes: Efron and Morris, "Stein's estimation rule and its competitors", JASA
+//! 68, 1973).
 //!
-//! The logarithm of a configuration's cost is a level plus a Gaussian process over configurations plus noise;
-//! similar configurations so speak for each other, and repeats for themselves. In some of the models a part
+//! The logarithm of a configuration's cost is a level plus a Gaussian process over configurations plus noise.
+//! So similar configurations speak for each other, and repeats for themselves. In some of the models a part
 //! of a configuration's cost is its own, not even shared with the most similar one: cliffs, and valleys
 //! narrower than the distances between measurements (the nugget effect of geostatistics, without error of
 //! measurement: Cressie, "Statistics for spatial data", 1993). Repeats separate this part from noise, because
@@ -24,7 +24,7 @@
 //!
 //! The reach of likeness, the landscape's roughness, and the ratio of differences to noise are averaged over
 //! a grid of models, each weighed by its marginal likelihood (Hoeting, Madigan, Raftery and Volinsky,
-//! "Bayesian model averaging", Statistical Science 14, 1999), and the scale is integrated out in closed form
+//! "Bayesian model averaging", Statistical Science 14, 1999). The scale is integrated out in closed form
 //! (Rasmussen and Williams, "Gaussian processes for machine learning", 2006, section 2.7 for the level). In
 //! some of the models all costs are equal: where these are not refuted, the estimated gain is small.
 

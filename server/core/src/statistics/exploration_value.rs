@@ -3,11 +3,11 @@
 //! A search gains most in its first trials and less with every doubling of their number, so its value is
 //! weighed octave by octave. A horizon ends when the number of trials has doubled once or several times. Its
 //! gain for all later frames is compared with the cost of its trials above the reference. The search goes on
-//! while any horizon pays, but only to the end of the first octave, and is then weighed again: the knowledge
-//! gradient with a look ahead of several steps (Frazier, Powell and Dayanik, "The knowledge-gradient policy
-//! for correlated normal beliefs", INFORMS Journal on Computing 21, 2009; that one step is not enough where
-//! the first measurements gain little: Frazier and Powell, "Paradoxes in learning and the marginal value of
-//! information", Decision Analysis 7, 2010).
+//! while any horizon pays, but only to the end of the first octave. Then it is weighed again. This is the
+//! knowledge gradient with a look ahead of several steps (Frazier, Powell and Dayanik, "The
+//! knowledge-gradient policy for correlated normal beliefs", INFORMS Journal on Computing 21, 2009). One step
+//! is not enough where the first measurements gain little (Frazier and Powell, "Paradoxes in learning and the
+//! marginal value of information", Decision Analysis 7, 2010).
 //!
 //! The expected gain of an octave is its gain in other states, drawn towards a prior while there are few of
 //! them, times the ratio of this state's gain so far to its expectation. So the search leaves a landscape

@@ -72,10 +72,10 @@ pub struct CostTable {
 }
 
 impl CostTable {
-    /// Whether a configuration is proven to cost less than another one, for a further state of that kind: by
-    /// the states in which both were measured, at least `PROVING_STATES`, the mean of the logarithms of their
-    /// ratios is below 0 with 97.5 %, and so is a single one with 84 % (Student's prediction interval, with
-    /// its factors for few states rounded up). A state that cannot run the first of them proves the contrary.
+    /// Whether a configuration is proven to cost less than another one, for a further state of that kind.
+    /// Both were measured in at least `PROVING_STATES` states. The mean of the logarithms of their ratios is
+    /// below 0 with 97.5 %, and a single one with 84 % (Student's prediction interval, with its factors for
+    /// few states rounded up). A state that cannot run the first of them proves the contrary.
     pub fn is_proven(&self, one: usize, reference: usize) -> bool {
         let mut ratios = Vec::new();
         for row in &self.rows {

@@ -8,7 +8,7 @@
 //! default and the best that was measured in the state. This client measures both in this stay, the default
 //! once before it explores, because older measurements of a state may no longer hold. Reserving for the worst
 //! case before each exploratory action is the idea of conservative bandits (Wu, Shariff, Lattimore and
-//! Szepesvári, "Conservative bandits", ICML 2016); here a cap bounds the costs of trials, and no distribution
+//! Szepesvári, "Conservative bandits", ICML 2016). Here a cap bounds the costs of trials, and no distribution
 //! of them is assumed.
 //!
 //! - A trial is handed out only if the budget left covers its whole cap, as if the reference cost nothing. A
@@ -106,9 +106,9 @@ pub(super) enum Denied {
     TooLittle(Leave),
 }
 
-/// The terms of the policy that an account keeps: the share of the frames' cost that exploring may cost, the
-/// factor of the reference's cost at which trials are stopped, and the factor that a trial is assumed to cost
-/// at worst where it cannot be stopped.
+/// The three terms of the policy that an account keeps. Exploring may cost one share of the frames' cost.
+/// Trials are stopped at one factor of the reference's cost. A trial that cannot be stopped is assumed to
+/// cost another factor at worst.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Terms {
     pub(super) budget: f64,

@@ -1,7 +1,7 @@
 //! Spaces that are small enough for a search to try every configuration.
 //!
 //! Once every configuration has a verdict there is nothing to search for. The rest of the budget separates
-//! the best of them, as in a race (Maron and Moore, "Hoeffding races", NIPS 1993): each is measured again
+//! the best of them, as in a race (Maron and Moore, "Hoeffding races", NIPS 1993). Each is measured again
 //! until it is clearly dearer than the best, or was measured often enough for a confirmation to choose among
 //! them.
 

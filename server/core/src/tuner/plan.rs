@@ -1,7 +1,7 @@
 //! Planning a suggestion apart from the tuner: long computations run before the question, on copies.
 //!
-//! A suggestion takes microseconds but for three things: a search with a model fits it, a search that begins
-//! receives the results of other states, and the contextual predictor fits a process to measurements near by.
+//! A suggestion takes microseconds but for three things. A search with a model fits it. A search that begins
+//! receives the results of other states. The contextual predictor fits a process to measurements near by.
 //! Many clients that share a tuner must not wait for that. So the holder of the tuner makes a [`PlanRequest`]
 //! of a question, lets go of the tuner, [computes](PlanRequest::compute) it, and hands the [`SuggestionPlan`]
 //! in with the question. A question with a plan never fits a model. Its plan may lack a needed result,

@@ -1,7 +1,7 @@
 //! The states of a study: their recognition from indicators and machines, and the table of each.
 //!
-//! Invariants: state `n` is the `n`-th that was founded; every state is in the index, and every machine that
-//! founded one is among the machines; the number of remembered configurations is that of all tables together.
+//! Invariants: state `n` is the `n`-th that was founded. Every state is in the index, and every machine that
+//! founded one is among the machines. The number of remembered configurations is that of all tables together.
 
 use std::cmp::Reverse;
 use std::ops::Index;

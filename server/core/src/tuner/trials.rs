@@ -1,7 +1,7 @@
 //! The open trials of a study, their leases and their holders.
 //!
 //! Invariants: every open trial has one lease, one holder and one entry among the running configurations of
-//! its state; a client holds at most one trial of a state; numbers rise by one.
+//! its state. A client holds at most one trial of a state. Numbers rise by one.
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 

@@ -1,13 +1,14 @@
 //! The store on PostgreSQL, which several replicas of the daemon share.
 //!
 //! A study's tuner lives in one replica at a time. [`load`](Store::load) takes the study for this replica by
-//! raising its epoch, unless another that lives holds it; every write names the epoch it was computed under
+//! raising its epoch, unless another that lives holds it. Every write names the epoch it was computed under,
 //! and is refused under an older one. So a replica that lost a study, for whatever reason, can store nothing
-//! more of it: the fencing token of M. Kleppmann, "Designing Data-Intensive Applications", chapter 8.
+//! more of it. The epoch is the fencing token of M. Kleppmann, "Designing Data-Intensive Applications",
+//! chapter 8.
 //!
-//! `open` connects, `replica` shows the others that this replica lives and hears their notices, `claim` takes
-//! studies, `writer` and `batch` write, `read` and `studies` ask, `filter` translates questions, `statements`
-//! holds the SQL, `shared` the common state. `tokens` is independent of them.
+//! `open` connects. `replica` shows the others that this replica lives, and hears their notices. `claim`
+//! takes studies. `writer` and `batch` write. `read` and `studies` ask. `filter` translates questions.
+//! `statements` holds the SQL, `shared` the common state. `tokens` is independent of them.
 
 mod batch;
 mod claim;

@@ -1,9 +1,9 @@
 //! A writer: a task with a connection of its own that stores waiting commits together.
 //!
-//! The commits that have gathered while the last statement was being made durable share the next one ("group
-//! commit"; DeWitt et al., "Implementation techniques for main memory database systems", 1984). Each caller
-//! is answered after PostgreSQL has confirmed the commit. Each study has one writer, so that its writes keep
-//! their order.
+//! The commits that have gathered while the last statement was being made durable share the next one (the
+//! "group commit" of DeWitt et al., "Implementation techniques for main memory database systems", 1984). Each
+//! caller is answered after PostgreSQL has confirmed the commit. Each study has one writer, so that its
+//! writes keep their order.
 
 use std::collections::{HashSet, VecDeque};
 use std::sync::Arc;

@@ -1,8 +1,8 @@
 //! The store on SQLite: a write-ahead log, one writer, a few readers.
 //!
-//! `open` prepares the file, `place` checks its path, `lock` keeps a second daemon out, `check` finds damage,
-//! `identity` notices a moved file, `writer`, `commands` and `script` write, `read` reads, `reap` removes
-//! deleted studies, `filter` translates questions, `statements` holds the fixed SQL.
+//! `open` prepares the file. `place` checks its path. `lock` keeps a second daemon out. `check` finds damage.
+//! `identity` notices a moved file. `writer`, `commands` and `script` write. `read` reads. `reap` removes
+//! deleted studies. `filter` translates questions. `statements` holds the fixed SQL.
 
 mod check;
 mod codes;

@@ -1,9 +1,9 @@
 //! The path and the permissions of a database, checked without opening the file.
 //!
 //! In a process that has a database open, only SQLite may open its files. SQLite's locks (`fcntl`) belong to
-//! the process and not to a descriptor, and the system drops all of them when the process closes *any*
-//! descriptor of the file: another program may then see no lock, fold the write-ahead log into the file and
-//! delete it (<https://sqlite.org/howtocorrupt.html>, 2.2). So every check here works on the name: `stat(2)`,
+//! the process and not to a descriptor. The system drops all of them when the process closes *any* descriptor
+//! of the file. Another program may then see no lock, fold the write-ahead log into the file and delete it
+//! (<https://sqlite.org/howtocorrupt.html>, 2.2). So every check here works on the name: `stat(2)`,
 //! `statx(2)`, `statfs(2)`, `access(2)`, `chmod(2)`.
 
 use std::ffi::OsString;

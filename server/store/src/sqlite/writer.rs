@@ -1,9 +1,9 @@
 //! The one writer: a task that owns the writing connection and puts waiting writes into one transaction.
 //!
-//! Waiting for the disk costs far more than the statements, so all writes that have gathered while the last
-//! transaction was being made durable share the next one ("group commit"; DeWitt et al., "Implementation
-//! techniques for main memory database systems", 1984). Every caller is answered after COMMIT. A write that
-//! the tables refuse is taken out, and the others are tried again.
+//! Waiting for the disk costs far more than the statements. So all writes that have gathered while the last
+//! transaction was being made durable share the next one (the "group commit" of DeWitt et al.,
+//! "Implementation techniques for main memory database systems", 1984). Every caller is answered after
+//! COMMIT. A write that the tables refuse is taken out, and the others are tried again.
 
 use sqlx::sqlite::SqliteConnection;
 use tokio::sync::{mpsc, oneshot};

@@ -3,10 +3,10 @@
 //! Where every input is met once, no search inside one state gets far, and a neighbour's best known
 //! configuration is the best of very few. The remedy is a model of cost over indicators and parameters
 //! together: a contextual Gaussian process (Krause and Ong, "Contextual Gaussian process bandit
-//! optimization", NIPS 2011). Measurements stay in the states' tables; a question fits a small process to the
+//! optimization", NIPS 2011). Measurements stay in the states' tables. A question fits a small process to the
 //! measurements of the states nearest to it (local fits after Gramacy and Apley, "Local Gaussian process
-//! approximation for large computer experiments", 2015), so that an answer costs no more after a million
-//! trials. Lessons only move lengths and noise, one step each while there are few.
+//! approximation for large computer experiments", 2015). So an answer costs no more after a million trials.
+//! Lessons only move lengths and noise, one step each while there are few.
 
 mod local_data;
 mod lowest;

@@ -2,7 +2,7 @@
 //! near by.
 //!
 //! A Gaussian process over states and configurations is fitted to 1 for failures and 0 for successes, as in
-//! the search of one state ([`model`](crate::search::ModelSearch)): a configuration that fails in one state
+//! the search of one state ([`model`](crate::search::ModelSearch)). A configuration that fails in one state
 //! is likely to fail in similar ones. Without failures there is nothing to fit, and the probability follows
 //! from the number of configurations that ran. It says nothing of those beyond the range of all that ran.
 

@@ -1,9 +1,9 @@
 //! Radial basis functions over indicators and parameters (paper section 6.2).
 //!
 //! The paper calls its features Gaussians and prints `exp(-omega |x - c|)`, the norm without a square. The
-//! two differ: the printed form has a cusp at its centre and a long tail, so that in the paper's 28
-//! dimensions a typical feature is 0.1; a Gaussian of that width is smooth and a tenth of that. The model
-//! follows the formula. `omega = 1`; centres come from a Latin hypercube; there are 3.5 times as many
+//! two differ. The printed form has a cusp at its centre and a long tail, so that in the paper's 28
+//! dimensions a typical feature is 0.1. A Gaussian of that width is smooth and a tenth of that. The model
+//! follows the formula, with `omega = 1`. Centres come from a Latin hypercube. There are 3.5 times as many
 //! features as parameters and indicators.
 
 mod candidates;

@@ -2,20 +2,20 @@
 //! a new one.
 //!
 //! Scenes differ, but the causes of a good configuration are mostly common to them. Before a search begins in
-//! a new state, the logarithms of the costs that were measured in other states are fitted by a sum: one level
-//! for each state, and one effect for each active parameter. This is an analysis of variance by main effects
-//! (Box, Hunter and Hunter, "Statistics for Experimenters", 1978). Effects are shrunk towards zero by ridge
-//! regression (Hoerl and Kennard, Technometrics 12, 1970). Hundreds of noisy measurements come down to a few
-//! numbers for each parameter, so that effects of a few percent stand out from noise.
+//! a new state, the logarithms of the costs that were measured in other states are fitted by a sum. It has
+//! one level for each state, and one effect for each active parameter. This is an analysis of variance by
+//! main effects (Box, Hunter and Hunter, "Statistics for Experimenters", 1978). Effects are shrunk towards
+//! zero by ridge regression (Hoerl and Kennard, Technometrics 12, 1970). Hundreds of noisy measurements come
+//! down to a few numbers for each parameter, so that effects of a few percent stand out from noise.
 //!
 //! The sum need not hold for the new state. The Gaussian process of the new state gets it as one more
 //! feature, on which costs may depend linearly (`FeatureKind::Linear` of the kernel), and learns the
 //! coefficient from measurements there. Where the other states mislead, the coefficient goes to zero. The
 //! effects are parts of that feature with coefficients of their own, so that the others may be right about
-//! one parameter and wrong about another: a linear model with a prior on its coefficients, solved in closed
-//! form with the process (Rasmussen and Williams, "Gaussian Processes for Machine Learning", 2006, section
-//! 2.7). Vizier treats earlier studies in this spirit, by a stack of processes (Golovin et al., "Google
-//! Vizier: a service for black-box optimization", KDD 2017, section 3.3).
+//! one parameter and wrong about another. This is a linear model with a prior on its coefficients, solved in
+//! closed form with the process (Rasmussen and Williams, "Gaussian Processes for Machine Learning", 2006,
+//! section 2.7). Vizier treats earlier studies in this spirit, by a stack of processes (Golovin et al.,
+//! "Google Vizier: a service for black-box optimization", KDD 2017, section 3.3).
 
 use serde::{Deserialize, Serialize};
 

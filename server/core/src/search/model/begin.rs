@@ -3,9 +3,9 @@
 //! Spaces with choices begin with a Latin hypercube of a few points. In a continuous space of several axes
 //! these say next to nothing, and half of them lie near corners. There the design goes one step along each
 //! axis in turn, from the best so far, as Powell's COBYLA builds its first simplex ("A direct search
-//! optimization method that models the objective and constraint functions by linear interpolation", 1994):
-//! the model then knows a slope along every axis, and successful steps add up. Where the default is far from
-//! the middle of the cube, the middle is measured before the steps: the optimum is nearer to it than to most
+//! optimization method that models the objective and constraint functions by linear interpolation", 1994).
+//! The model then knows a slope along every axis, and successful steps add up. Where the default is far from
+//! the middle of the cube, the middle is measured before the steps. The optimum is nearer to it than to most
 //! other places.
 //!
 //! Where other states of the study are known, their good points come before either design. They replace the

@@ -6,11 +6,11 @@
 //! The search for its highest expected improvement goes no further out than the nearer half of these
 //! measurements.
 //!
-//! Sources: the local models of TuRBO (Eriksson et al., "Scalable global optimization via local Bayesian
-//! optimization", NeurIPS 2019); the spread of the better half, weighted by ranks, as the metric from CMA-ES
-//! (Hansen, "The CMA evolution strategy: a tutorial", 2016, section 3); quadratic models of noisy
-//! measurements around the best from Hansen, "A global surrogate assisted CMA-ES" (GECCO 2019). The region
-//! needs no state: it shrinks as measurements gather.
+//! The local models are those of TuRBO (Eriksson et al., "Scalable global optimization via local Bayesian
+//! optimization", NeurIPS 2019). The metric is the spread of the better half, weighted by ranks, from CMA-ES
+//! (Hansen, "The CMA evolution strategy: a tutorial", 2016, section 3). Quadratic models of noisy
+//! measurements around the best come from Hansen, "A global surrogate assisted CMA-ES" (GECCO 2019). The
+//! region needs no state: it shrinks as measurements gather.
 
 use rand_chacha::ChaCha8Rng;
 

@@ -1,9 +1,9 @@
 //! A model-based search for few, dear and noisy measurements of mixed, conditional spaces.
 //!
 //! The frame is that of Jones, Schonlau and Welch, "Efficient global optimization of expensive black-box
-//! functions" (Journal of Global Optimization 13, 1998): a small design (`begin`), then again and again a
+//! functions" (Journal of Global Optimization 13, 1998). A small design (`begin`) comes first. Then a
 //! Gaussian process (`gp`) is fitted to all measurements, and the point of highest expected improvement is
-//! measured next. The additions, with their sources:
+//! measured next, again and again. The additions, with their sources:
 //! - *Mixed, conditional spaces.* The model sees configurations, not points of the cube (see
 //!   [`Layout`](crate::search::Layout)), and the improvement is climbed by changing one parameter at a time
 //!   from the best known configurations, as in SMAC (Hutter, Hoos and Leyton-Brown, LION 5, 2011; Lindauer et
