@@ -249,8 +249,8 @@ impl Client {
 
     /// Changes the space of a study, which keeps its trials. `revision` is that of the space that is changed
     /// ([`StudyRecord::space_revision`]). `fixed` has values of parameters that are added or removed, where
-    /// they are not the defaults: what all trials before had of one that is added, and what all trials from
-    /// now on have of one that is removed. With `only_try` nothing is changed, and the answer says what would
+    /// they are not the defaults. Of an added parameter it is the value of all trials before, of a removed
+    /// one that of all trials from now on. With `only_try` nothing is changed, and the answer says what would
     /// be.
     ///
     /// Programs that work with the space of before go on, and are answered in it.

@@ -81,7 +81,7 @@ impl Core {
         self.process == std::process::id()
     }
 
-    /// What the program has set up for a study, by whichever handle.
+    /// The program's set-up for a study, by whichever handle.
     pub(crate) fn set_ups(&self, study: &Arc<str>) -> Arc<SetUps> {
         let mut all = self.set_ups.lock().unwrap_or_else(PoisonError::into_inner);
         Arc::clone(all.entry(Arc::clone(study)).or_default())

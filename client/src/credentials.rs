@@ -90,7 +90,7 @@ impl Credentials {
         self.token.clone()
     }
 
-    /// What a connection in plain text would leave unused, if there is something.
+    /// The name of a setting that a connection in plain text would leave unused, if there is one.
     pub(crate) fn only_for_tls(&self) -> Option<&'static str> {
         let certificate = self.certificate.as_ref().map(|_| "client certificate");
         let authority = self.authority.as_ref().map(|_| "certificate authority");

@@ -197,7 +197,7 @@ impl LocalDaemon {
 }
 
 impl crate::Client {
-    /// Makes a client of the user's own daemon, which is started where it is not running and ends by itself
+    /// Makes a client of the user's own daemon. It is started where it is not running, and ends by itself
     /// when there has been no client for a while; see [`LocalDaemon`].
     ///
     /// Errors: [`ClientError::NoLocalDaemon`] when there is none to be had; else as

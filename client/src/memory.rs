@@ -63,7 +63,7 @@ impl RememberedConfigurations {
         }
     }
 
-    /// What to run in a state; `None` where only the defaults are left.
+    /// The configuration to run in a state; `None` where only the defaults are left.
     pub(crate) fn last_good(&self, spec: &StudySpec, indicators: &Indicators) -> Option<&Configuration> {
         let is_here = |one: &&Remembered| checks::are_one_state(spec, &one.indicators, indicators);
         let (here, elsewhere): (Vec<&Remembered>, Vec<&Remembered>) = self.all.iter().partition(is_here);

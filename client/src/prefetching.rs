@@ -65,7 +65,7 @@ impl PrefetchingTuner {
     ///
     /// It never waits and never fails: where no answer is there yet it is a fallback, and
     /// [`Suggestion::problem`] says why. So is the first frame. Trials of several frames are kept as by
-    /// [`crate::Tuner::next`], and the next one is asked for with their last frame; so the frame after one
+    /// [`crate::Tuner::next`], and the next one is asked for with their last frame. So the frame after one
     /// that ended early is a fallback, too.
     pub fn next(&mut self, indicators: &Indicators, previous: Option<Finished>) -> Suggestion {
         self.next_before(indicators, indicators, previous)

@@ -1,4 +1,4 @@
-//! What the last trial has set up, so that the next one with an equal set-up need not do it again.
+//! The set-up of the last trial, so that the next one with an equal set-up need not repeat it.
 //!
 //! It is one for all handles of a study that a client has made, and takes it for granted that one trial runs
 //! after the other. Once two ran side by side, the program has several loops, and which of them asks is not
@@ -11,7 +11,7 @@ use treewright_model::value::RawConfiguration;
 /// The values that need a set-up, and the level at which the trial runs.
 pub(crate) type SetUp = (RawConfiguration, Option<String>);
 
-/// What one process has set up for a study.
+/// The set-up of one process for a study.
 #[derive(Debug, Default)]
 pub(crate) struct SetUps(Mutex<SetUpState>);
 

@@ -27,7 +27,7 @@ impl Client {
     /// level, or are outside the study's present space.
     ///
     /// Errors: [`ClientError::Invalid`] where no metrics are named and the study was made for none, for
-    /// trials that do not compare, for a state without trials, and for a reference that is none;
+    /// trials that do not compare, for a state without trials, and for a reference that is none. Also
     /// [`ClientError::Refused`], [`ClientError::Away`], [`ClientError::Late`].
     pub async fn front(&self, study: &str, query: &FrontQuery) -> Result<ParetoFront, ClientError> {
         read(&self.core, &study_name(study), query).await

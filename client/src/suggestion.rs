@@ -199,11 +199,12 @@ impl Suggestion {
     /// Whether what the program set up for the suggestion before serves this one: that was measured to its
     /// end, at this level, with these values of all parameters that need a set-up
     /// ([`crate::Parameter::setup`]). Where it is true only the run is left to do, unless the program's input
-    /// has changed; of a trial of several frames it is true from the second on.
+    /// has changed. Of a trial of several frames it is true from the second on.
     ///
-    /// False for the first suggestion, also where no parameter needs a set-up; after one that was given back,
-    /// aborted, infeasible or failed; and for all once a process has run trials of the study side by side. A
-    /// program that keeps several set-ups compares [`crate::Space::setup_part`] itself.
+    /// It is false for the first suggestion, also where no parameter needs a set-up. It is false after one
+    /// that was given back, aborted, infeasible or failed. It is false for all once a process has run trials
+    /// of the study side by side. A program that keeps several set-ups compares [`crate::Space::setup_part`]
+    /// itself.
     #[must_use]
     pub fn is_prepared(&self) -> bool {
         self.set_up.as_ref().is_some_and(|set_up| set_up.is_prepared)

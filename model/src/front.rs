@@ -283,9 +283,9 @@ impl ParetoFront {
         self.maximised.iter().any(|one| one == metric)
     }
 
-    /// The corners of the staircase between what was reached and what was not, in two of the metrics and
-    /// their own units: where no other point is better in both, the best of the first metric first. With two
-    /// metrics every point is one.
+    /// The corners of the staircase of reached values, in two of the metrics and their own units, the best of
+    /// the first metric first. At a corner no other point is better in both. With two metrics every point is
+    /// one.
     #[must_use]
     pub fn corners(&self, metrics: [&str; 2]) -> Vec<[f64; 2]> {
         let place = |point: &FrontPoint| {

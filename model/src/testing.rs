@@ -1,5 +1,5 @@
-//! What property tests share: their settings, arbitrary spaces, and arbitrary specifications of studies.
-//! Tests of other crates include this file by its path.
+//! Shared by property tests: their settings, arbitrary spaces, and arbitrary specifications of studies. Tests
+//! of other crates include this file by its path.
 
 use proptest::collection::{btree_set, vec};
 use proptest::prelude::*;

@@ -37,10 +37,10 @@ impl Clock for SystemClock {
     }
 }
 
-/// A clock for leases: it runs as evenly as the machine's monotonic one, and is drawn towards the system's
+/// A clock for leases. It runs as evenly as the machine's monotonic one, and is drawn towards the system's
 /// time by at most a tenth of the elapsed time. So no correction, of seconds or of years, ends all leases at
-/// once or none for long; and after a while it shows the right time again. (Slewing instead of stepping, as
-/// of D. Mills, "Computer Network Time Synchronization", chapter 3, and of `adjtime`.)
+/// once or none for long. After a while it shows the right time again. (Slewing instead of stepping, as of D.
+/// Mills, "Computer Network Time Synchronization", chapter 3, and of `adjtime`.)
 #[derive(Debug)]
 pub struct SteadyClock {
     begun: Instant,

@@ -33,7 +33,7 @@ pub use token::{CreateConfig, TokenCommand};
 #[derive(Debug, Parser)]
 #[command(name = "treewrightd", version, max_term_width = 100)]
 pub struct Cli {
-    /// What to do.
+    /// The command.
     #[command(subcommand)]
     pub command: Command,
 }
@@ -185,7 +185,7 @@ impl ServeConfig {
     /// `--listen`, on which the access rules rest. A further one must not be open to more callers.
     ///
     /// # Errors
-    /// What is wrong with one, and what would be right.
+    /// The mistake in one, and its remedy.
     pub fn check_inherited(&self, addresses: &[SocketAddr]) -> Result<(), String> {
         let Some((first, others)) = addresses.split_first() else {
             return Ok(());

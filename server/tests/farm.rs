@@ -1,4 +1,5 @@
-//! What a farm's clients send: malformed messages, compressed requests, filters on names that are not there.
+//! Requests of a farm's clients: malformed messages, compressed requests, filters on names that are not
+//! there.
 
 mod common;
 

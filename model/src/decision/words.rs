@@ -287,7 +287,7 @@ mod tests {
     use super::*;
     use crate::decision::{BudgetStatus, ExplorationEstimate};
 
-    /// What is said of a configuration that costs a fifth less than the default, 10 % to 50 %.
+    /// The words for a configuration that costs a fifth less than the default, 10 % to 50 %.
     fn said(source: impl Fn(bool) -> ExploitSource) -> [String; 2] {
         let (estimate, budget) = (ExplorationEstimate::default(), BudgetStatus::default());
         let of = |source| of_exploit(&Exploit { source, rule: ExploitRule::Dice, estimate, budget });

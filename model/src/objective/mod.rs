@@ -55,9 +55,9 @@ impl fmt::Display for MeasurementLimit {
     }
 }
 
-/// 1 to 16 terms with distinct metrics, each minimised or maximised, at most 8 auxiliary metrics that are
-/// none of them, at most 16 limits on distinct measurements, 1 to 64 frames a trial, and at most 4 cheaper
-/// levels.
+/// The objective of a study: 1 to 16 terms with distinct metrics, each minimised or maximised. It has at most
+/// 8 auxiliary metrics that are none of them, at most 16 limits on distinct measurements, 1 to 64 frames a
+/// trial, and at most 4 cheaper levels.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(try_from = "Stored", into = "Stored")]
 pub struct Objective {
@@ -379,8 +379,8 @@ impl Objective {
         if cost.is_finite() { Ok(cost + 0.0) } else { Err(ObjectiveError::Overflow) }
     }
 
-    /// The standard error of the cost of measurements, as a share of that cost, by independent standard
-    /// errors of measurements: finite, 0 where none of a term is known, or the cost is 0 or none.
+    /// The standard error of the cost of measurements, as a share of that cost, from independent standard
+    /// errors of measurements. It is finite. It is 0 where none of a term is known, or the cost is 0 or none.
     pub fn relative_error(
         &self,
         measurements: &BTreeMap<String, f64>,

@@ -101,8 +101,8 @@ impl PolicySettings {
     /// The names of the presets.
     pub const PRESETS: &'static [&'static str] = &["paper"];
 
-    /// The paper's policy: the dice are thrown once for each change of state, a search is the 80 iterations
-    /// of a stochastic Nelder-Mead simplex, the nearest known state answers, and no configuration is run
+    /// The paper's policy. The dice are thrown once for each change of state. A search is the 80 iterations
+    /// of a stochastic Nelder-Mead simplex. The nearest known state answers, and no configuration is run
     /// twice or confirmed.
     #[must_use]
     pub fn paper() -> Self {

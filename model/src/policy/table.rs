@@ -49,13 +49,12 @@ macro_rules! policy_table {
                 unset "2 where a budget is kept, else 4 for clients that stop trials in time",
                 in Range::Above(1.0, COST_FACTOR_MAX), as "FACTOR";
 
-            /// What a trial of a client that cannot stop is taken to cost at worst, in multiples of the
-            /// reference.
+            /// Assumed worst cost of a trial of a client that cannot stop it, in multiples of the reference.
             ///
             /// Only counts where a budget is kept.
             worst_factor: f64 | f64 = 100.0, unset "100", in Range::Above(1.0, COST_FACTOR_MAX), as "FACTOR";
 
-            /// What the study does with what it knows.
+            /// Use of the study's knowledge: tune, freeze or shadow.
             operation: Operation | OpenEnum<Operation> = Operation::Tune, unset "tune", in Range::Any, as "OPERATION";
 
             /// Explore only where the expected gain pays for it within the expected stay.

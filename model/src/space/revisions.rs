@@ -247,7 +247,7 @@ impl EarlierSpaces {
         })
     }
 
-    /// What the changes from a revision on added and removed.
+    /// The parameters that the changes from a revision on added and removed.
     fn changes_from<'a>(&'a self, revision: u32, present: &'a Space) -> Changes<'a> {
         let mut changes = Changes::default();
         for (before, after, fixed) in self.changes(revision, present) {
@@ -263,10 +263,10 @@ impl EarlierSpaces {
     }
 }
 
-/// What the changes from a revision on added and removed, by name.
+/// The parameters that the changes from a revision on added and removed, by name.
 #[derive(Default)]
 struct Changes<'a> {
-    /// What all trials before the first change that added a parameter had of it.
+    /// The value of an added parameter in all trials before the first change that added it.
     added: BTreeMap<&'a str, &'a Value>,
     /// A parameter as the last change that removed it found it, and its value since then.
     removed: BTreeMap<&'a str, (&'a Parameter, &'a Value)>,

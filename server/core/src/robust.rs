@@ -27,8 +27,8 @@ const CHANGE: f64 = 5.0;
 /// Smaller changes than this share are not worth an alarm, and scales below it are not believed.
 const SHARE_LEAST: f64 = 0.01;
 
-/// Two or three measurements of one configuration that lie further apart than by this factor are not all of
-/// it: one comes from a clock that was read wrongly, or from a program that ended early.
+/// Factor above which two or three measurements of one configuration contradict one another. One of them
+/// comes from a clock that was read wrongly, or from a program that ended early.
 pub const TORN: f64 = 10.0;
 /// The reach of belief: the largest distance of a single measurement from the middle of all configurations'
 /// costs, in deviations of their logarithms, and its least value.
@@ -63,10 +63,10 @@ pub fn is_torn(a: f64, b: f64) -> bool {
     a.max(b) > TORN * a.min(b)
 }
 
-/// The places of those measurements of one configuration that count. Of more than three the estimators of
-/// this module take care. Where fewer are [torn](is_torn), it is the middle one of three with whatever lies
-/// near it, and of two the one that is nearer to the `usual` cost of other configurations, else the lower:
-/// what disturbs a program seldom makes it faster.
+/// The places of those measurements of one configuration that count. The estimators of this module take care
+/// of more than three. Fewer may be [torn](is_torn). Of three the middle one then counts, with its near ones.
+/// Of two it is the one nearer to the `usual` cost of other configurations, else the lower, because
+/// disturbances seldom make a program faster.
 pub fn trusted(values: &[f64], usual: Option<f64>) -> Vec<usize> {
     let log = |value: f64| libm::log(value.max(f64::MIN_POSITIVE));
     let believed = match *values {
@@ -208,14 +208,14 @@ impl Evidence {
         self.check();
     }
 
-    /// What a measurement counts for, in usual ones, whose standard deviation as a share is `noise`: its own
+    /// The weight of a measurement in usual ones, whose standard deviation as a share is `noise`. Its own
     /// variance adds to theirs.
     pub fn weight(&self, place: usize, noise: f64) -> f64 {
         let (usual, error) = (noise * noise, self.errors.get(place).copied().unwrap_or_default());
         if error > 0.0 { (usual / (usual + error * error)).max(WEIGHT_LEAST) } else { 1.0 }
     }
 
-    /// What its measurements count for on average; `None` where no standard error is known.
+    /// The mean weight of its measurements; `None` where no standard error is known.
     pub fn mean_weight(&self, noise: impl FnOnce() -> f64) -> Option<f64> {
         if self.errors.is_empty() {
             return None;
@@ -225,8 +225,8 @@ impl Evidence {
         Some(sum / self.errors.len() as f64)
     }
 
-    /// The factor by which the last measurements differ from those before, if they clearly do: no recent one
-    /// lies among the older ones but for a single outlier of these, and their locations are far apart.
+    /// The factor by which the last measurements differ from those before, if they clearly do. Then no recent
+    /// one lies among the older ones but for a single outlier of these, and their locations are far apart.
     fn change(&self) -> Option<f64> {
         let older = self.recent.len().checked_sub(RECENT).filter(|&older| older >= OLDER_LEAST)?;
         let (old, new) = self.recent.split_at(older);

@@ -19,7 +19,7 @@ const STYLE: &str = "svg{color:#1d1f24;background:#fff}\
 /// The look of a line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Stroke {
-    /// What was measured.
+    /// A measured curve.
     Solid,
     /// A level to compare with.
     Dashed,
@@ -301,7 +301,7 @@ impl Figure {
         self.cell(ends, [0.15, 0.85].map(|share| row as f64 + share), opacity, colour, title);
     }
 
-    /// What is drawn inside is a link, with a label for who does not see it.
+    /// Makes all that is drawn inside a link, with a label for screen readers.
     pub fn link(&mut self, target: &str, label: &str, inside: impl FnOnce(&mut Self)) {
         self.put(format_args!(r#"<a href="{}" aria-label="{}">"#, escaped(target), escaped(label)));
         inside(self);

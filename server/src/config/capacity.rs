@@ -9,14 +9,15 @@ use crate::limits::{
     CONNECTIONS_MAX, REQUESTS_IN_FLIGHT, REQUESTS_IN_FLIGHT_MAX, TUNE_STREAMS, TUNE_STREAMS_MAX,
 };
 
-/// What is above a limit is refused with RESOURCE_EXHAUSTED, or the connection is closed.
+/// Limits of requests and connections. A request above one is refused with RESOURCE_EXHAUSTED, or the
+/// connection is closed.
 #[derive(Clone, Debug, Args)]
 #[command(next_help_heading = "Capacity")]
 pub struct CapacityConfig {
     /// Maximum number of connections; 16384 by default. Each needs a file descriptor, so `ulimit -Hn` limits
     /// them too. At most half of them may be ones without an authorised request. When all are taken, one of
-    /// these makes room for the next, or else one that is idle; of the address that has most of them the
-    /// oldest.
+    /// these makes room for the next, or else one that is idle. It is the oldest of the address that has most
+    /// of them.
     #[arg(long, env = "TREEWRIGHT_MAX_CONNECTIONS", value_name = "COUNT", value_parser = clap::value_parser!(u32).range(1..=CONNECTIONS_MAX as i64))]
     pub max_connections: Option<u32>,
 

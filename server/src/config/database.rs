@@ -79,7 +79,7 @@ impl DatabaseConfig {
     /// Reads the option, with the password from its file.
     ///
     /// # Errors
-    /// What is wrong and what would be right, without any password.
+    /// The mistake and its remedy, without any password.
     pub fn read(&self) -> Result<Database, String> {
         let DatabaseArgument(text) = &self.database;
         if !is_postgres_address(text) {

@@ -10,7 +10,7 @@ use treewright_store::tokens::{Quota, Scope, Studies};
 use super::database::DatabaseConfig;
 use crate::convert::names;
 
-/// What to do with tokens.
+/// The commands for tokens.
 #[derive(Debug, Subcommand)]
 pub enum TokenCommand {
     /// Create a token and print it. It cannot be shown again: only its hash is stored.
@@ -55,7 +55,7 @@ pub struct CreateConfig {
     #[arg(long, value_parser = token_name)]
     pub name: String,
 
-    /// What the token permits.
+    /// The scope of the token.
     #[arg(long, value_parser = scope())]
     pub scope: Scope,
 

@@ -97,8 +97,8 @@ const UNITS: [(&[&str], f64); 6] = [
 ];
 
 /// One unit of an objective in seconds of a trial, all of its frames together, by the last words of its
-/// metrics' names; `None` where it is no time, or where a metric is maximised. What is counted in a time
-/// (`errors_per_s`) is none.
+/// metrics' names. `None` where it is no time, or where a metric is maximised. A count in a time
+/// (`errors_per_s`) is no time.
 pub(super) fn unit_s(objective: Option<&v1::Objective>) -> Option<f64> {
     let objective = objective.filter(|objective| objective.maximised.is_empty())?;
     let unit = |name: &str| {
@@ -123,8 +123,8 @@ pub(super) struct Fixed {
 }
 
 /// The configuration with the lowest mean ratio to the default (geometric, over the states where it was
-/// measured), of those that were measured in at least half of the states; `None` with fewer than two. Runs
-/// are state, values and cost.
+/// measured), of those that were measured in at least half of the states. `None` with fewer than two states.
+/// Runs are state, values and cost.
 pub(super) fn best_fixed(runs: &[(i64, String, f64)], defaults: &BTreeMap<i64, f64>) -> Option<Fixed> {
     let mut means: BTreeMap<&str, BTreeMap<i64, (f64, u32)>> = BTreeMap::new();
     for (state, configuration, cost) in runs.iter().filter(|run| defaults.contains_key(&run.0)) {

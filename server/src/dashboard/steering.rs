@@ -18,7 +18,7 @@ use crate::error::Error;
 use crate::rpc;
 use treewright_store::StoreError;
 
-/// What became of a form.
+/// The outcome of a form.
 pub(super) enum Steered {
     /// The study is changed, and this page shows it, under the id that the study has by now.
     Changed(String),
@@ -26,7 +26,7 @@ pub(super) enum Steered {
     Elsewhere(String),
 }
 
-/// What a form asks for.
+/// The change that a form asks for.
 struct FormChange {
     request: FormRequest,
     /// The words for the log.
@@ -190,8 +190,8 @@ async fn texts(visitor: &Visitor<'_>, study: &str, form: &Query) -> Result<FormC
     Ok(FormChange { changed, request, command: ("study edit", said) })
 }
 
-/// What becomes of a stored value by a form, which tells what its page had shown: it stays where the form
-/// does not change it. `None` where somebody else has changed it as well.
+/// The new value of a stored one by a form, which carries the value that its page had shown. It stays where
+/// the form does not change it. `None` where somebody else has changed it as well.
 fn merged<T: Clone + PartialEq>(given: Option<T>, shown: Option<T>, stored: &T) -> Option<T> {
     match given {
         Some(given) if shown.as_ref() != Some(&given) => {
@@ -252,8 +252,8 @@ async fn update(visitor: &Visitor<'_>, change: FormChange) -> Result<Steered, Er
     }
 }
 
-/// What to do where another replica holds the study. Requests of the command line are passed on to it, forms
-/// are not.
+/// Advice where another replica holds the study. Requests of the command line are passed on to it, forms are
+/// not.
 fn advice(study: &str, address: &str, (verb, rest): &(&'static str, String)) -> String {
     format!(
         "Nothing was changed: the replica at {address} holds study {study}, and a page changes only what its \

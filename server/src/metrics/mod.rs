@@ -4,8 +4,8 @@
 //! clients: RPCs come from the table of `access::rules`, codes are gRPC's seventeen, reasons stand in
 //! `status`, and only some studies are shown (`studies`). The names and units follow OpenMetrics 1.0.
 
-/// Declares figures as a table: the type of each and its begin, where that is not the default; its name, what
-/// it tells, and its unit, if it has one.
+/// Declares figures as a table. A row has the type and its begin, where that is not the default, then the
+/// name, the description, and the unit, if it has one.
 macro_rules! figures {
     (@begin) => { Default::default() };
     (@begin $begin:expr) => { $begin };

@@ -29,8 +29,8 @@ impl Tuning {
         Ok(created)
     }
 
-    /// The study that a request names: the one with its identity, under its present id, if the request gives
-    /// one; else the one of that id, which need not exist.
+    /// The study that a request names. If the request gives an identity, it is the study of that identity,
+    /// under its present id. Else it is the one of that id, which need not exist.
     ///
     /// # Errors
     /// [`Error::Replaced`] where the id is that of another study, and when the store cannot be read.

@@ -96,8 +96,8 @@ impl Tuning {
     }
 
     /// Reads a trial that is not open, once all earlier writes are stored. The name may have gone to another
-    /// study before the read: only afterwards is it certain that the trial is one of the study that is meant,
-    /// and that no other replica had the study meanwhile.
+    /// study before the read, and another replica may have had the study meanwhile. So both are checked after
+    /// the read.
     pub(super) async fn closed_trial(&self, name: &TrialName, before: Receipt) -> Result<RawTrial, Error> {
         self.metrics().durable(before).await?;
         let stored = self.get_trial(name).await;

@@ -137,9 +137,9 @@ pub enum StudyWrite<'a> {
 
 /// Keeps studies, states, trials and visits.
 ///
-/// Two kinds of methods: the `async` ones are whole use cases. [`queue`](Store::queue), with which
+/// There are two kinds of methods. The `async` ones are whole use cases. [`queue`](Store::queue), with which
 /// [`commit`](Store::commit) and the like are written, only gives a write its place in the order of writes
-/// and returns at once, so that a caller can hold a lock while it queues and let go before it waits.
+/// and returns at once. So a caller can hold a lock while it queues, and let go before it waits.
 #[async_trait]
 pub trait Store: Send + Sync + 'static {
     /// Creates a study with an identity of its own, or finds an equal one under its id, be it with one of its

@@ -1,10 +1,9 @@
 //! The limits of partitioning studies over several databases: a simulation of farms larger than any that can
 //! be had on one machine.
 //!
-//! `cargo run --release -p treewright-tests --example partition -- [DAEMON_US DATABASE_US CLIENT_US
-//! DURABLE_US]`: processor time of a frame in the daemon, the database and the client, and the time of a
-//! durable write, in microseconds. Prints tables in Markdown. Equal arguments give equal tables on every
-//! machine.
+//! `cargo run --release -p treewright-tests --example partition -- [DAEMON_US DATABASE_US CLIENT_US DURABLE_US]`:
+//! processor time of a frame in the daemon, the database and the client, and the time of a durable write, in
+//! microseconds. Prints tables in Markdown. Equal arguments give equal tables on every machine.
 //!
 //! A group is one PostgreSQL with some daemons. Renderers send a frame every 20 ms, unless the last is still
 //! out. A frame is computed by the daemon that has its study, then waits for one of that daemon's two writing

@@ -11,8 +11,8 @@ use treewright_simulation::{Bug, Counts, Plan, run};
 /// checks after every step that nothing acknowledged is lost, no trial is handed to two clients, budgets are
 /// kept, every call is answered and the service comes back by itself.
 ///
-/// Prints a JSON object. Exit code 1 when something was wrong: the seed is shown, and `--seed SEED --worlds
-/// 1` runs that world again.
+/// Prints a JSON object. Exit code 1 when something was wrong: the seed is shown, and
+/// `--seed SEED --worlds 1` runs that world again.
 #[derive(Debug, Parser)]
 struct Arguments {
     /// The first seed.

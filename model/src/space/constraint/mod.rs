@@ -23,8 +23,8 @@ use node::Operator;
 
 /// A condition that every configuration fulfils, such as `block_x * block_y <= 1024`.
 ///
-/// An expression is made of parameters, numbers, `true`, `false` and text in quotes; of `+ - * / %`, the
-/// comparisons `== != < <= > >=`, `and`, `or`, `not` (or `&& || !`), `min(…)`, `max(…)`, `abs(…)` and
+/// An expression has parameters, numbers, `true`, `false` and text in quotes. Its operators are `+ - * / %`,
+/// the comparisons `== != < <= > >=`, `and`, `or`, `not` (or `&& || !`), `min(…)`, `max(…)`, `abs(…)` and
 /// parentheses. Names other than letters, digits and `_` stand in backticks.
 ///
 /// - Numbers are doubles, so that whole numbers are exact up to 2^53. `/` is the division of real numbers:

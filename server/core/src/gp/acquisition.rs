@@ -11,11 +11,11 @@ const FAR: f64 = 5.0;
 /// Terms of the fraction: from [`FAR`] on further ones change nothing in double precision.
 const FRACTION_TERMS: u32 = 24;
 
-/// The logarithm of the expected improvement over `best`: of the mean of `best` minus the value where that is
-/// positive, and zero elsewhere (Jones, Schonlau and Welch, "Efficient global optimization of expensive
-/// black-box functions", Journal of Global Optimization 13, 1998, equation 15). The logarithm distinguishes
-/// points where the improvement itself would vanish (Ament et al., "Unexpected improvements to expected
-/// improvement", NeurIPS 2023).
+/// The logarithm of the expected improvement over `best`. The improvement is `best` minus the value where
+/// that is positive, and zero elsewhere (Jones, Schonlau and Welch, "Efficient global optimization of
+/// expensive black-box functions", Journal of Global Optimization 13, 1998, equation 15). The logarithm
+/// distinguishes points where the improvement itself would vanish (Ament et al., "Unexpected improvements to
+/// expected improvement", NeurIPS 2023).
 pub(crate) fn log_expected_improvement(best: f64, belief: Posterior) -> f64 {
     log_improvement((best - belief.mean) / belief.deviation) + libm::log(belief.deviation)
 }

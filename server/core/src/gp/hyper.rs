@@ -14,9 +14,9 @@ use super::kernel::FeatureKind;
 /// Hyperparameters as logarithms, with the state of their ascent. Stored with searches and predictors.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Hyperparameters {
-    /// The logarithms of each feature's weight (the inverse square of its length; for a linear feature the
-    /// variance of its coefficient), of the noise's variance and, where there is a trend, of the trend's
-    /// variance, as shares of the values' variance.
+    /// Logarithms of each feature's weight, of the noise's variance and, where there is a trend, of the
+    /// trend's variance, as shares of the values' variance. A weight is the inverse square of a length; for a
+    /// linear feature it is the variance of its coefficient.
     log: Vec<f64>,
     /// Step sizes of the ascent.
     steps: Vec<f64>,

@@ -55,8 +55,8 @@ impl ResultTable {
         }
     }
 
-    /// What the measurements of a configuration count for on average, in usual ones: above 0, at most 1.
-    /// `None` where no client gave a standard error of them.
+    /// The mean weight of a configuration's measurements in usual ones: above 0, at most 1. `None` where no
+    /// client gave a standard error of them.
     pub(crate) fn weight(&self, configuration: &Configuration) -> Option<f64> {
         self.record(configuration)?.evidence.mean_weight(|| self.assumed_noise())
     }
@@ -80,7 +80,8 @@ impl ResultTable {
     }
 
     /// The `best` best of the ranked records, `others` of the rest, evenly spread over their ranks, and those
-    /// of the named configurations, in the order of the ranking; all where there are no more.
+    /// of the named configurations. They are in the order of the ranking. All records where there are no
+    /// more.
     pub(crate) fn spread(&self, best: usize, others: usize, named: &[&Configuration]) -> Vec<&Record> {
         let ranked: Vec<&Record> = self.ranked().collect();
         if ranked.len() <= best + others + named.len() {

@@ -53,8 +53,8 @@ pub struct Observation {
     pub configuration: usize,
     /// The logarithm of its cost.
     pub log_cost: f64,
-    /// What may explain a part of it, in one order in all observations: logarithms of auxiliary measurements,
-    /// or movements of indicators.
+    /// Possible explanations of a part of it, in one order in all observations: logarithms of auxiliary
+    /// measurements, or movements of indicators.
     pub beside: Vec<f64>,
 }
 

@@ -5,9 +5,9 @@
 //! "the challenger is better by more than m" is an e-value. If the statement is wrong, it ever exceeds 1/α
 //! with a probability of at most α. So the race may look after each round and stop as soon as the evidence
 //! suffices (Ramdas, Grünwald, Vovk and Shafer, "Game-theoretic statistics and safe anytime-valid inference",
-//! Statistical Science 38, 2023). The e-value is the mean of self-normalised supermartingales `exp(λS -
-//! λ²V/2)`, mixed over λ in closed form (Robbins, "Statistical methods related to the law of the iterated
-//! logarithm", Annals of Mathematical Statistics 41, 1970), with two choices of V:
+//! Statistical Science 38, 2023). The e-value is the mean of self-normalised supermartingales
+//! `exp(λS - λ²V/2)`, mixed over λ in closed form (Robbins, "Statistical methods related to the law of the
+//! iterated logarithm", Annals of Mathematical Statistics 41, 1970), with two choices of V:
 //! - the sum of the squares, which only needs that a ratio and its inverse are equally likely at equal costs
 //!   (de la Peña, "A general class of exponential inequalities for martingales and ratios", Annals of
 //!   Probability 27, 1999),
@@ -141,9 +141,9 @@ impl Pairs {
         robust::location(&self.log_ratios)
     }
 
-    /// The probability that the challenger costs less, for a single look when all rounds are over: by the
-    /// signed ranks (Wilcoxon, "Individual comparisons by ranking methods", Biometrics Bulletin 1, 1945), in
-    /// which a few disturbed pairs weigh no more than others. It is one half with fewer than
+    /// The probability that the challenger costs less, for a single look when all rounds are over. It follows
+    /// from the signed ranks (Wilcoxon, "Individual comparisons by ranking methods", Biometrics Bulletin 1,
+    /// 1945), in which a few disturbed pairs weigh no more than others. It is one half with fewer than
     /// [`ROUNDS_OF_ALL`] pairs.
     pub fn probability_better(&self) -> f64 {
         let mut pairs = self.log_ratios.clone();
@@ -299,9 +299,9 @@ impl Race {
         !self.contenders[0].is_out && ran.into_iter().all(is_same)
     }
 
-    /// The gain of one contender over another by the rounds alone: the logarithm of the ratio of their costs
-    /// with its 95 % interval, which holds for all of them together and at any time, and the probability that
-    /// it is above 0. `None` without a round of both.
+    /// The gain of one contender over another by the rounds alone. It has the logarithm of the ratio of their
+    /// costs, and the probability that this is above 0. Its 95 % interval holds for all contenders together
+    /// and at any time. `None` without a round of both.
     pub fn gain(&self, of: usize, over: usize) -> Option<RaceGain> {
         let pairs = self.pairs(over, of);
         if pairs.count() == 0 {
@@ -381,9 +381,9 @@ impl Race {
             && self.is_proven(one)
     }
 
-    /// The contender that is better than the incumbent by the rounds themselves, once they are over: the best
-    /// challenger, if chance alone would put any of them this far ahead with a probability of at most
-    /// `error`.
+    /// The contender that is better than the incumbent by the rounds themselves, once they are over. It is
+    /// the best challenger, if chance alone would put any of them this far ahead with a probability of at
+    /// most `error`.
     pub fn better_by_rounds(&self, error: f64) -> Option<usize> {
         let probability = |place: usize| self.pairs(0, place).probability_better();
         self.standing().find(|&place| probability(place) >= 1.0 - self.error_each(error))

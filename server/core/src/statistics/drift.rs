@@ -94,9 +94,9 @@ mod tests {
     use super::*;
     use crate::randomness::standard_normal as normal;
 
-    /// Runs 80 trials of challengers of cost 8 on a machine with that factor, the incumbent of cost 10
-    /// whenever the speed is uncertain; the mean error of the corrected and the raw logarithms, and the
-    /// number of runs of the incumbent.
+    /// Runs 80 trials of challengers of cost 8 on a machine with that factor, and the incumbent of cost 10
+    /// whenever the speed is uncertain. Returns the mean errors of the corrected and the raw logarithms, and
+    /// the number of runs of the incumbent.
     fn run(factor: impl Fn(usize) -> f64, noise: f64) -> (f64, f64, usize) {
         let mut random = ChaCha8Rng::seed_from_u64(3);
         let mut speed = Speed::default();

@@ -110,7 +110,7 @@ pub struct Measurement {
     pub log_cost: f64,
     /// Its client and time; `None` where these are not known.
     pub moment: Option<Moment>,
-    /// What it counts for, in usual ones: 1, or less for one whose client knows that it is poor.
+    /// Its weight in usual measurements: 1, or less for one whose client knows that it is poor.
     pub weight: f64,
 }
 
@@ -212,9 +212,9 @@ pub struct Comparison {
 
 impl Comparison {
     /// Whether the expected gain by the first is at least `times` times the expected loss. Equal costs count
-    /// as neither, so that a landscape that may be flat is no reason to stay (Keating and Shadwick, "A
-    /// universal performance measure", Journal of Performance Measurement 6, 2002, whose ratio Omega this is,
-    /// at a threshold of no gain).
+    /// as neither, so that a landscape that may be flat is no reason to stay. This is the ratio Omega at a
+    /// threshold of no gain (Keating and Shadwick, "A universal performance measure", Journal of Performance
+    /// Measurement 6, 2002).
     pub fn is_worth(&self, times: f64) -> bool {
         self.expected_gain > 0.0 && self.expected_gain >= times * self.expected_loss
     }

@@ -204,9 +204,8 @@ impl CostTable {
     }
 }
 
-/// The best fixed configuration among those: the one whose excess over the best of them in a state is least
-/// on average, where no state in which it can be run counts for more than [`EXCESS_MOST`]. The first of
-/// equals.
+/// The best fixed configuration among those. Its excess over the best of them in a state is least on average,
+/// where no state in which it can be run counts for more than [`EXCESS_MOST`]. The first of equals.
 fn first_of(among: &[usize], rows: &[&[CostEntry]], completed: &[Vec<f64>]) -> Option<usize> {
     let best_of =
         |expected: &Vec<f64>| among.iter().map(|&place| expected[place]).fold(f64::INFINITY, f64::min);

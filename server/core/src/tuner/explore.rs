@@ -270,8 +270,8 @@ impl Tuner {
 
     /// Makes sure that the state has a search of the policy's kind, unless its budget is spent. Trials that
     /// carry points of an earlier search only feed the table from then on. The new search receives the
-    /// results of the table if an earlier one spent its budget, which was raised since, or if these results
-    /// come from other machines, other databases or an earlier space of the study.
+    /// results of the table if an earlier one spent its budget, which was raised since. It also receives them
+    /// if they come from other machines, other databases or an earlier space of the study.
     fn ensure_exploration(&mut self, room: usize, state: StateId, planned: &mut Planned) {
         // The policy's own number of trials need not be noted.
         let more = if room > self.spec.policy.trials_per_state as usize { room } else { 0 };
@@ -327,7 +327,7 @@ impl Tuner {
     }
 
     /// Asks the search until a point is worth a measurement. Points that fall on configurations with a
-    /// verdict are answered from the table (a pair of state and configuration is not sampled twice); points
+    /// verdict are answered from the table (a pair of state and configuration is not sampled twice). Points
     /// whose configuration runs just now in this state go back until it is reported. A point at a cheaper
     /// level is measured unless its configuration cannot be run.
     fn walk(&mut self, (ask, room): (&Ask, usize), state: StateId, planned: &mut Planned) -> NextPoint {
@@ -425,7 +425,7 @@ impl Tuner {
         ProposedTrial { configuration, predicted_cost, point: decided }
     }
 
-    /// A configuration without a verdict that does not run now, drawn at random; `None` when a bounded number
+    /// A configuration without a verdict that does not run now, drawn at random. `None` when a bounded number
     /// of draws meets none, as in a space that is nearly exhausted.
     fn unseen(&self, state: StateId, number: TrialNumber) -> Option<Configuration> {
         self.drawn(state, number, Some).or_else(|| {

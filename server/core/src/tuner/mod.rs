@@ -162,9 +162,9 @@ impl Tuner {
     /// Hands out a trial under a lease, and returns the change to store before the client receives it.
     ///
     /// A client that still holds an open trial for the state has lost its answer, and gets the trial again
-    /// with a fresh lease. It gets another one if the policy began or ceased to pin since, if its session
-    /// explores no more and never renewed the lease, or if the client's regret budget does not cover a second
-    /// run. `now_ms` is the caller's clock.
+    /// with a fresh lease. It gets another one in three cases: the policy began or ceased to pin since, the
+    /// session explores no more and never renewed the lease, or the client's regret budget does not cover a
+    /// second run. `now_ms` is the caller's clock.
     pub fn suggest(&mut self, ask: &Ask, now_ms: i64) -> Result<(Trial, Change), TunerError> {
         let question = self.question(ask)?;
         self.answer(question, self.pinned(), Planned::AtOnce, now_ms)

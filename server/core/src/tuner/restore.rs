@@ -199,9 +199,10 @@ impl Tuner {
         restoring.finish(open)
     }
 
-    /// Drops what rests on a completed trial of a state that is excluded from now on, or counts again, and is
-    /// not learnt again from the completed trials: searches, the race of the state, what clients exploit
-    /// there, and the references of their budgets. The tuner is then to be restored from the changed trials.
+    /// Drops all that rests on a completed trial of a state and is not learnt again from the completed
+    /// trials. The trial is excluded from now on, or counts again. Searches, the race of the state, the
+    /// clients' exploited configurations there and the references of their budgets are dropped. The tuner is
+    /// then to be restored from the changed trials.
     pub fn disown(&mut self, state_id: u64) -> Change {
         let own = StateId(state_id);
         let (forgotten, visits) = self.visits.disown(own);

@@ -159,8 +159,8 @@ impl States {
 
     /// The machine's state that matches the normalised indicators: every one within the study's tolerance of
     /// the state's anchor. The client's `current` state is kept while it matches, so that a client between
-    /// two anchors does not flicker; else the nearest matching state is taken, the oldest among equally near
-    /// ones. `None` when no state matches, as long as there may be more: beyond that, the machine's nearest
+    /// two anchors does not flicker. Else the nearest matching state is taken, the oldest among equally near
+    /// ones. `None` when no state matches, as long as there may be more. Beyond that, the machine's nearest
     /// state is taken whether it matches or not, so that an input that never rests goes on for ever.
     pub(super) fn recognise(
         &self,

@@ -32,7 +32,7 @@ struct Page {
     is_cut: bool,
 }
 
-/// What colours the states.
+/// The quantity that colours the states.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Shown {
     Gain,

@@ -52,7 +52,7 @@ impl OtherDaemons {
         self.peers.is_empty()
     }
 
-    /// What all of them tell, in the order in which they were named.
+    /// The answers of all of them, in the order in which they were named.
     pub(super) async fn read(&self) -> Arc<Vec<OtherDaemon>> {
         let mut last = self.last.lock().await;
         if let Some((when, told)) = last.as_ref()

@@ -63,7 +63,7 @@ struct Page {
 
 struct Column {
     name: &'static str,
-    /// What `aria-sort` says of it, where the rows are ordered by it.
+    /// The value of `aria-sort`, where the rows are ordered by it.
     sorted: Option<&'static str>,
     is_figure: bool,
     /// The query that orders by it, or the other way round.
@@ -179,7 +179,8 @@ impl StudyIndex {
         Ok(json!({ "studies": rows, "more": is_cut }).to_string())
     }
 
-    /// What the other daemons tell. A visitor who may not see all studies here does not see those of others.
+    /// The answers of the other daemons. A visitor who may not see all studies here does not see those of
+    /// others.
     async fn read_others(&self, visitor: &Visitor<'_>) -> Arc<Vec<OtherDaemon>> {
         if self.others.is_empty() || visitor.caller.is_limited() {
             return Arc::default();
@@ -247,7 +248,7 @@ async fn read_studies(visitor: &Visitor<'_>) -> Result<(Vec<v1::Study>, bool), E
     Ok((studies, is_cut))
 }
 
-/// What a study is doing: by its policy, else by its states.
+/// The activity of a study: by its policy, else by its states.
 fn status(study: &v1::Study, summary: &StudySummary, now_s: f64) -> &'static str {
     let counts = study.statistics.unwrap_or_default();
     let policy = study.policy.as_ref();

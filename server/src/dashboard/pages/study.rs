@@ -206,7 +206,7 @@ async fn levels(visitor: &Visitor<'_>, id: &str, chosen: &StateStands, fixed: Op
     .collect()
 }
 
-/// What the answer costs by all measurements, beside the line of the luckiest single runs.
+/// The answer's cost by all measurements, beside the line of the luckiest single runs.
 fn luck_note(chosen: &StateStands, view: &CostView) -> Option<String> {
     let standing = chosen.standing?;
     let (low, high) = view.interval(standing.cost_low, standing.cost_high);
@@ -272,7 +272,7 @@ fn points(trials: &[v1::Trial]) -> Vec<CurvePoint> {
         .collect()
 }
 
-/// What the trials of a state have cost so far beside its default.
+/// The cost of a state's trials so far, beside its default.
 fn session(
     trials: &[v1::Trial],
     chosen: Option<&StateStands>,

@@ -26,13 +26,13 @@ use crate::tuning::Tuning;
 /// Most states of a study in its summary: the first.
 pub(super) const STATES: i64 = 24;
 
-/// What the list of studies says of one beside its counts.
+/// A study's row in the list of studies, beside its counts.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct StudySummary {
     /// The gain of the answers over the default in the study's view, the mean over the states; `None` where
     /// the default was measured in none.
     pub(super) gain: Option<Gain>,
-    /// What the gain is beside, and how sure it is.
+    /// The reference of the gain, and how sure it is.
     pub(super) gain_note: String,
     /// `searching`, `confirming`, `running` or `finished`; empty where nothing is known.
     pub(super) progress: &'static str,

@@ -237,7 +237,7 @@ pub(super) const COMPLETED_TRIALS: &str = concat!(
 
 /// The studies with leases that ended before `$1`: those of replica `$2`, and those without a living owner,
 /// which it takes over. A row that another replica took meanwhile is judged again by its new owner, which a
-/// question within the question finds; a join would compare that owner with the replica of before.
+/// question within the question finds. A join would compare that owner with the replica of before.
 pub(super) const STUDIES_WITH_DUE_LEASES: &str = concat!(
     "WITH orphans AS (SELECT s.id FROM studies s ",
     "WHERE s.name IS NOT NULL AND s.owner IS DISTINCT FROM $2 AND EXISTS (SELECT 1 FROM trials t ",
@@ -286,8 +286,8 @@ pub(super) const OTHER_CHECKPOINTS_DELETE: &str = "WITH held AS MATERIALIZED (SE
 /// Stores a batch in one statement, and so in one transaction and one round trip.
 ///
 /// `held` locks the studies whose epoch is still the writer's, in the order of their keys, so that two
-/// replicas cannot wait for each other; a replica that takes a study meanwhile waits for this lock, and one
-/// that took it before has raised the epoch. Only rows of held studies are stored, and the answer lists these
+/// replicas cannot wait for each other. A replica that takes a study meanwhile waits for this lock. One that
+/// took it before has raised the epoch. Only rows of held studies are stored, and the answer lists these
 /// studies. A stored trial keeps its other columns; only the lease and the report can still change.
 pub(super) const BATCH: &str = "\
 WITH held AS MATERIALIZED (

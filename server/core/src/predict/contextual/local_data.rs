@@ -206,7 +206,7 @@ impl LocalData {
 
     /// The configuration of the least cost, less some deviations, that can probably be run. Beside a rival it
     /// must almost surely run, lie among those that ran, be worth its risk, and be borne out by more than one
-    /// state; else there is no answer.
+    /// state. Else there is no answer.
     pub(super) fn answer(
         &self,
         hyper: &Hyperparameters,

@@ -24,7 +24,7 @@ use crate::search::latin_hypercube::design;
 use crate::search::{MainEffects, SearchSetup};
 
 /// The reach of a Latin hypercube along continuous axes, as a share of the cube, and the number of axes from
-/// which on it is limited: a cube of many dimensions is mostly corners, which say nothing of the rest.
+/// which on it is limited. A cube of many dimensions is mostly corners, which say nothing of the rest.
 const REACH: f64 = 0.75;
 const REACH_FROM: usize = 3;
 /// The length of the steps, and the number of axes from which on they are taken.

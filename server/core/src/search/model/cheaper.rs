@@ -30,7 +30,7 @@ use crate::search::{Feedback, Point, Search, Verdict};
 /// whole, may spend more.
 const SPENT_MAX: f64 = 1.0;
 
-/// What is known of cheaper levels. The default knows of none.
+/// The knowledge of cheaper levels. The default knows of none.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct CheaperLevels {
     /// The cost of a measurement at each level, as a share of a full one.

@@ -17,7 +17,7 @@ const ROUNDS_UNTIL: usize = 32;
 /// The logarithm of the likelihood ratio from which on a trend is used: twenty to one.
 const TREND_EVIDENCE: f64 = 3.0;
 
-/// What ran in full and has a cost, and what ran at cheaper levels.
+/// The points that ran in full and have a cost, and those that ran at cheaper levels.
 type CostData<'a> = (&'a [&'a ModelledPoint], &'a [CheaperPoint]);
 
 pub(super) struct CostModel {

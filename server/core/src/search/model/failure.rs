@@ -34,8 +34,8 @@ impl ModelSearch {
         (self.setup.layout.features(&x, &self.setup.layout.active(&x)), run.failed)
     }
 
-    /// Fits the model of failure: 1 for points that could not be run, 0 for all others.
-    /// What ran at a cheaper level ran.
+    /// Fits the model of failure: 1 for points that could not be run, 0 for all others. A point that ran at a
+    /// cheaper level counts as one that ran.
     pub(super) fn failures(
         &mut self,
         places: &[ModelledPoint],

@@ -148,7 +148,7 @@ pub struct ModelSearch {
     draws: u64,
     /// Replicates, and the sum of the squares of their relative deviations from the means before.
     scatter: (u64, f64),
-    /// What is known of cheaper levels.
+    /// The knowledge of cheaper levels.
     #[serde(default, skip_serializing_if = "is_default")]
     cheaper: CheaperLevels,
     /// The next point, where a copy has planned it. Not stored: it would be planned again.

@@ -231,7 +231,7 @@ fn what_fails_on_the_nearest_relation_is_no_answer_of_machines() {
 const USUAL: [(f64, f64); 7] =
     [(0.1, 16.0), (0.2, 15.0), (0.3, 12.0), (0.4, 14.0), (0.5, 15.0), (0.6, 17.0), (0.8, 14.0)];
 
-/// What was measured in a state: the costs of configurations by their travel cost.
+/// The measurements of a state: the costs of configurations by their travel cost.
 fn tell(tuner: &mut Tuner, ask: &Ask, costs: &[(f64, f64)]) {
     let space = tuner.spec().space.clone();
     for (travel, cost) in costs {

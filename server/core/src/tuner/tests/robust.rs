@@ -145,7 +145,7 @@ fn one_stopped_trial_of_a_race_replaces_no_incumbent() {
     assert!(kept + 2 >= WORLDS, "{kept} of {WORLDS} incumbents are kept");
 }
 
-/// What was stopped at once costs at least next to nothing, and not next to nothing.
+/// A trial that was stopped at once costs at least next to nothing, and not next to nothing.
 #[test]
 fn who_is_stopped_early_wins_no_race() {
     let (raced, kept) = stopped_and_kept(|is_default, _| (!is_default).then_some(1e-3));
