@@ -215,9 +215,9 @@ impl Renderer {
         self.moments.len()
     }
 
-    /// The effect of an episode on a structure of the kind of `choice`: the share of triangles that move from
-    /// its first frame to its second, and the cost of a refitted tree at its end over that of a fresh one, by
-    /// the surface area heuristic. `None` where there is no episode or no tree of ours.
+    /// The effect of an episode on a structure of the kind of `choice`. It has the share of triangles that
+    /// move from its first frame to its second. It also has the cost of a refitted tree at its end over that
+    /// of a fresh one, by the surface area heuristic. `None` where there is no episode or no tree of ours.
     ///
     /// # Errors
     /// The structure cannot be built.

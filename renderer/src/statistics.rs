@@ -83,7 +83,7 @@ impl std::fmt::Display for Ratio {
 }
 
 /// The number of `count` sorted values that may be left out on each side so that the median lies between the
-/// others with the confidence of the interval: it is below the value of rank `k` with the probability that of
+/// others with the confidence of the interval. It is below the value of rank `k` with the probability that of
 /// `count` throws of a coin at most `k` show heads.
 fn outside(count: usize) -> Option<usize> {
     let mut term = 0.5_f64.powi(i32::try_from(count).unwrap_or(i32::MAX));

@@ -1,10 +1,10 @@
 //! From radiance to colours on a screen: a tone curve that keeps bright places from burning out.
 //!
-//! AgX of Troy Sobotka, the view that Blender takes since 4.0: colours are drawn towards grey a little, which
-//! makes them run into white instead of into the nearest pure colour, and pass a film-like curve over 16.5
-//! stops of their logarithm. The curve is the polynomial that Benjamin Wrensch fitted ("Minimal AgX
+//! AgX of Troy Sobotka, the view that Blender takes since 4.0. Colours are drawn towards grey a little, so
+//! that they run into white instead of into the nearest pure colour. Then they pass a film-like curve over
+//! 16.5 stops of their logarithm. The curve is the polynomial that Benjamin Wrensch fitted ("Minimal AgX
 //! Implementation", 2023), with his look of more contrast and colour ("punchy"), without which paint and
-//! roofs are pale; the primaries are those of Blender's version (ITU-R BT.2020). The result goes through the
+//! roofs are pale. The primaries are those of Blender's version (ITU-R BT.2020). The result goes through the
 //! transfer function of sRGB (IEC 61966-2-1).
 
 use glam::{Mat3, Vec3};

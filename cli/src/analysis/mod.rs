@@ -1,6 +1,6 @@
-//! The influence of a study's parameters, from its trials (paper, sections 4 and 5): how each parameter goes
-//! together with each measurement, how much of the variance it explains, and to which part of its range a
-//! search may be held.
+//! The influence of a study's parameters, from its trials (paper, sections 4 and 5): the correlation of each
+//! parameter with each measurement, the share of the variance that it explains, and the part of its range
+//! that a search may keep to.
 //!
 //! Everything is computed from completed trials, in the order of their numbers, and without chance: equal
 //! trials give equal bytes. Trials that were drawn at random (`treewright-render sample`) say most. Trials of

@@ -1,8 +1,8 @@
 //! Trials as columns of numbers.
 //!
 //! Costs of different states are not comparable: a larger scene takes longer whatever its configuration. So
-//! every measurement is divided by the geometric mean of its state: two kinds of trials with a gap between,
-//! of which the median is one or the other by chance, leave it where it is.
+//! every measurement is divided by the geometric mean of its state. Two kinds of trials with a gap between
+//! leave that mean where it is, whereas the median would be one or the other by chance.
 
 use std::collections::BTreeMap;
 

@@ -5,7 +5,7 @@
 //! trials there are by the means of bins (Plischke, Borgonovo and Smith, "Global sensitivity measures from
 //! given data", 2013). So that few trials do not seem to explain each other, each is predicted by the others
 //! of its bin (Allen, "The relationship between variable selection and data augmentation and a method for
-//! prediction", 1974), and repeated runs of one configuration in one state count as one. Costs count by their
+//! prediction", 1974). Repeated runs of one configuration in one state count as one. Costs count by their
 //! logarithm, so that factors add up and a few very dear configurations are not all there is.
 
 use std::collections::BTreeMap;

@@ -1,6 +1,6 @@
 //! The gain of one configuration over another from interleaved pairs of measurements: the median ratio of the
-//! pairs, and an interval from order statistics, which holds whatever the noise looks like (Conover,
-//! "Practical Nonparametric Statistics", 3.2: the sign test turned round).
+//! pairs, and an interval from order statistics. The interval holds for any noise (Conover, "Practical
+//! Nonparametric Statistics", 3.2: the sign test turned round).
 
 use serde::Serialize;
 

@@ -2,9 +2,9 @@
 //! It starts the other program, measures it, and ends the processes that it leaves behind.
 //!
 //! A process that is killed cannot clean up after itself, but its sockets close. So the two are joined by a
-//! pair of sockets: as soon as `exec` shuts its end, be it because a limit is reached or because it was
-//! killed, the supervisor ends the program with everything below it. It is their subreaper (`prctl(2)`),
-//! which is how it finds even those that went into a session of their own and whose parents have ended.
+//! pair of sockets. As soon as `exec` shuts its end, because a limit is reached or because it was killed, the
+//! supervisor ends the program with everything below it. It is their subreaper (`prctl(2)`), which is how it
+//! finds even those that went into a session of their own and whose parents have ended.
 
 use std::io::{Read as _, Write as _};
 use std::os::fd::AsFd as _;

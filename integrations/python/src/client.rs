@@ -196,10 +196,10 @@ impl Client {
 
     /// Changes the space of a study for all programs. Trials stay; those outside the new space are not used.
     /// Programs that know the space of before go on in it; ``study`` with the new one works in that.
-    /// ``fixed`` has values of parameters that are added or removed, where they are not the defaults: what
-    /// all trials before had of one that is added, and what all from now on have of one that is removed. With
-    /// ``only_try`` nothing is changed. Returns the ``revision`` of the space, and the numbers of trials:
-    /// ``kept_trials``, ``outside_trials`` and open ones that were given back, ``given_back_trials``.
+    /// ``fixed`` has values of parameters that are added or removed, where they are not the defaults. Of an
+    /// added parameter it is the value of all trials before, of a removed one that of all trials from now on.
+    /// With ``only_try`` nothing is changed. Returns the ``revision`` of the space, and the numbers of
+    /// trials: ``kept_trials``, ``outside_trials`` and open ones that were given back, ``given_back_trials``.
     /// Raises Invalid for a space with mistakes, and Refused where the daemon will not do it.
     #[pyo3(signature = (id, space, *, fixed=None, only_try=false))]
     fn change_space<'py>(

@@ -2,10 +2,10 @@
 //!
 //! Nothing of the service's policy takes part: each predictor is taught every iteration and answers for
 //! itself. The RBF model has three further entrants, which choose among other candidates than the product's
-//! model keeps: the last iteration of each search, as the paper has it (section 7.1.2), with the model taught
-//! all iterations or those alone, and everything that was tried. The last entrant is the service as it
-//! answers: a study with the default policy, to which a client brings these iterations. States, portfolio and
-//! proof take part there.
+//! model keeps. Two choose among the last iterations of the searches, as the paper does (section 7.1.2), with
+//! the model taught all iterations or those alone. One chooses among everything that was tried. The last
+//! entrant is the service as it answers: a study with the default policy, to which a client brings these
+//! iterations. States, portfolio and proof take part there.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;

@@ -1,13 +1,13 @@
 //! The speed of predictors' answers, from a record alone (paper, section 7).
 //!
-//! At every camera that examines, the configuration that a predictor answered is held against four: the mean
-//! of the search's iterations (Figures 12 and 15), the best that the search found (the roofline, Figures 13
-//! and 16), the best fixed configuration by the cameras that teach, and the recommended default. A search's
-//! best of eighty measurements is partly luck; so it was measured again in shared rounds with the answers,
-//! and that measurement counts here. The single measurement, which is the paper's roofline, stands beside it.
-//! Those rounds also hold the default, the best fixed configurations and what a search had found on its way;
-//! in older records the first two are held against the roofline in other rounds. All costs are by the clock
-//! that the searches went by.
+//! At every camera that examines, the configuration that a predictor answered is held against four others.
+//! One is the mean of the search's iterations (Figures 12 and 15). One is the best that the search found (the
+//! roofline, Figures 13 and 16). The others are the best fixed configuration by the cameras that teach, and
+//! the recommended default. A search's best of eighty measurements is partly luck; so it was measured again
+//! in shared rounds with the answers, and that measurement counts here. The single measurement, which is the
+//! paper's roofline, stands beside it. Those rounds also hold the default, the best fixed configurations and
+//! the best of a search on its way. In older records the first two are held against the roofline in other
+//! rounds. All costs are by the clock that the searches went by.
 
 use std::collections::BTreeMap;
 

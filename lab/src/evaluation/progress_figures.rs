@@ -20,8 +20,8 @@ use super::summary::Mean;
 const BESIDE: [(&str, Colour); 3] =
     [("nearest_neighbour", Colour::Green), ("rbf_greedy_gq", Colour::Purple), (SERVICE, Colour::Vermilion)];
 
-/// Figure 2: what a search for either objective does to both, at a camera of a scene where both were run; of
-/// sponza where there is one, as in the paper.
+/// Figure 2: the effect of a search for either objective on both, at a camera of a scene where both were run.
+/// It is one of sponza where there is one, as in the paper.
 pub(crate) fn two_objectives(record: &Record) -> Option<String> {
     let clock = record.conditions.clock;
     let search = |place: &Place, objective: Objective| {

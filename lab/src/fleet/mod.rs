@@ -1,5 +1,5 @@
 //! A predictor for each node, for each group and for the fleet, which the paper's section 8 leaves to future
-//! work: a machine's gain from its own measurements, from those of its group, and from those of all.
+//! work. It shows a machine's gain from its own measurements, from those of its group, and from those of all.
 //!
 //! | module | contents |
 //! |---|---|

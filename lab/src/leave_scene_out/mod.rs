@@ -1,4 +1,4 @@
-//! The gain from a tuning service on a scene that it has never seen: leave one scene out, search it, and
+//! The gain from a tuning service on a scene that it has never seen. Leave one scene out, search it, and
 //! compare the answers after 1, 8, 16, 32 and 60 frames with configurations that need no tuning there.
 //!
 //! | module | holds |
@@ -10,9 +10,9 @@
 //! | `book` | everything measured, on disk |
 //! | `judge` | tables from the book |
 //!
-//! A scene's own data are never used for its own prediction: the daemon that serves it knows the searches of
-//! the other scenes and nothing of this one, and the fixed configuration it is compared with was chosen on
-//! the others alone.
+//! A scene's own data are never used for its own prediction. The daemon that serves it knows the searches of
+//! the other scenes and nothing of this one. The fixed configuration it is compared with was chosen on the
+//! others alone.
 
 pub(crate) mod book;
 pub(crate) mod daemon;

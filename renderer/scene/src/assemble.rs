@@ -381,7 +381,7 @@ impl Assembler {
         self.notes.extend(notes);
     }
 
-    /// Leaves no normals when every mesh is flat; otherwise gives the flat ones vertices of their own, three
+    /// Leaves no normals when every mesh is flat. Otherwise gives the flat ones vertices of their own, three
     /// a triangle, so that all vertices have a normal and flat meshes stay flat.
     fn settle_normals(&mut self) {
         if self.flat.iter().all(|flat| *flat) {

@@ -2,7 +2,7 @@
 //!
 //! The paper moves its cameras along "a simple spline" and takes 100 positions of it (section 7.1.1). Ours is
 //! a centripetal Catmull-Rom spline (Yuksel, Schaefer and Keyser, "Parameterization and applications of
-//! Catmull-Rom curves", 2011): it passes through its keys and, unlike the uniform kind, makes neither loops
+//! Catmull-Rom curves", 2011). It passes through its keys. Unlike the uniform kind, it makes neither loops
 //! nor cusps between keys at uneven distances.
 
 use glam::Vec3;

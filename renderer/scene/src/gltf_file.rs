@@ -1,8 +1,8 @@
-//! Reads glTF 2.0, as text or binary: nodes with their transforms, meshes shared by several nodes (copied, or
-//! instances where [`INSTANCING_SAVES_MIN`] says so), metallic-roughness materials with their textures and
-//! the extensions for emissive strength, transmission, volume, index of refraction and texture transforms,
-//! copies of a mesh below a node, skins, morph targets, animations of nodes, cameras, and punctual lights.
-//! Lengths are metres and stay so.
+//! Reads glTF 2.0, as text or binary. It reads nodes with their transforms, skins, morph targets, animations
+//! of nodes, cameras and punctual lights. Meshes shared by several nodes are copied, or become instances
+//! where [`INSTANCING_SAVES_MIN`] says so. Copies of a mesh below a node are read, too. Materials are those
+//! of metal and roughness with their textures, and with the extensions for emissive strength, transmission,
+//! volume, index of refraction and texture transforms. Lengths are metres and stay so.
 
 use std::path::Path;
 

@@ -15,8 +15,8 @@ pub const MESHES_MAX: usize = 1 << 20;
 /// seconds.
 pub const PLACED_TRIANGLES_MAX: u64 = 1 << 30;
 
-/// Meshes of a glTF file that several nodes name become instances when that saves more triangles than this;
-/// below it the scene is flattened, for a tree of one level is walked faster.
+/// Meshes of a glTF file that several nodes name become instances when that saves more triangles than this.
+/// Below it the scene is flattened, for a tree of one level is walked faster.
 pub const INSTANCING_SAVES_MIN: u64 = 1_000_000;
 
 /// Deepest nesting of nodes in a glTF file.

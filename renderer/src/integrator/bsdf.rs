@@ -250,7 +250,7 @@ impl<const THIN: bool> Seen<'_, THIN> {
     /// For a direction `light`: value of the rough lobes times the cosine, and the solid angle density with
     /// which [`Seen::sample`] draws it from them. Both zero below the surface.
     ///
-    /// The lobe is GGX with height-correlated shadowing, `D G / (4 cos cos)`, drawn by visible normals; both
+    /// The lobe is GGX with height-correlated shadowing, `D G / (4 cos cos)`, drawn by visible normals. Both
     /// are written with roots instead of tangents, so that grazing angles divide by nothing small (Lagarde
     /// and de Rousiers, Moving Frostbite to PBR, 2014, section 3.1.2). With unit vectors `|view + light|` is
     /// twice the cosine between each and the half vector, which saves normalising it.
@@ -334,8 +334,8 @@ struct Coat {
 impl Coat {
     /// The factor on the albedo of a body under it, so that no light is lost on the way in and out: a white
     /// body reflects what the coat does not. Light that the coat reflects back into the body is scattered
-    /// there again: from within more than from outside, taken as half as much again, with which middle grey
-    /// is as bright as without all this.
+    /// there again. The coat reflects more from within than from outside, here half as much again. With this
+    /// middle grey is as bright as without all this.
     fn kept(&self, base: Vec3) -> Vec3 {
         let outside = mean_of_schlick(Vec3::splat(self.f0), Vec3::splat(self.f90)).x;
         let within = (1.5 * outside).min(0.95);

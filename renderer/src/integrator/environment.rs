@@ -1,9 +1,9 @@
 //! An environment map as a light: pixels drawn by how much light they send.
 //!
-//! A pixel is drawn with probability proportional to its luminance times its solid angle (an alias table),
-//! then a direction uniformly within it (Pharr, Jakob and Humphreys, Physically Based Rendering, 4th edition
-//! 2023, 12.5, with a table in place of two searches). Bright suns in a map are found by every shadow ray
-//! that way.
+//! A pixel is drawn with probability proportional to its luminance times its solid angle (an alias table).
+//! Then a direction is drawn uniformly within it (Pharr, Jakob and Humphreys, Physically Based Rendering, 4th
+//! edition 2023, 12.5, with a table in place of two searches). Bright suns in a map are found by every shadow
+//! ray that way.
 
 use std::f32::consts::PI;
 use std::sync::Arc;

@@ -7,7 +7,7 @@
 //! it was learnt which lamps light a place, points are drawn by that instead, and weighed accordingly.
 //!
 //! Emissive triangles shine to both sides, because the winding in scene files cannot be relied on. The sky's
-//! gradient is smooth and is left to the surfaces' own sampling unless it was learnt where it is seen; lamps,
+//! gradient is smooth and is left to the surfaces' own sampling unless it was learnt where it is seen. Lamps,
 //! sun and environment maps are also sampled directly. Lights without size are found in no other way.
 
 use std::f32::consts::PI;

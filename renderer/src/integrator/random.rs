@@ -6,12 +6,12 @@
 //! without lamps draws equal bounces whether or not code for lamps is there.
 //!
 //! The pairs that one place of a pixel has in sample after sample are points of Sobol's first two dimensions
-//! with Owen's scrambling: they fill the square evenly for any number of samples, and each is random by
-//! itself. Places have different scramblings and orders (Burley, Practical Hash-based Owen
-//! Scrambling, JCGT 2020; Kollig and Keller, Efficient Multidimensional Sampling, Eurographics 2002). The
-//! second dimension is a product with Pascal's matrix, in five steps (Ahmed, An Implementation Algorithm of
-//! 2D Sobol Sequence Fast, Elegant, and Compact, EGSR 2024). Seeds are mixed by the finaliser of SplitMix64
-//! (Steele, Lea, Flood: Fast Splittable Pseudorandom Number Generators, OOPSLA 2014).
+//! with Owen's scrambling. They fill the square evenly for any number of samples, and each is random by
+//! itself. Places have different scramblings and orders (Burley, Practical Hash-based Owen Scrambling, JCGT
+//! 2020; Kollig and Keller, Efficient Multidimensional Sampling, Eurographics 2002). The second dimension is
+//! a product with Pascal's matrix, in five steps (Ahmed, An Implementation Algorithm of 2D Sobol Sequence
+//! Fast, Elegant, and Compact, EGSR 2024). Seeds are mixed by the finaliser of SplitMix64 (Steele, Lea,
+//! Flood: Fast Splittable Pseudorandom Number Generators, OOPSLA 2014).
 
 /// The random numbers of one path.
 #[derive(Clone, Copy, Debug, Default)]

@@ -6,8 +6,8 @@
 //! et al., Microfacet Models for Refraction, EGSR 2007; Heitz, Sampling the GGX Distribution of Visible
 //! Normals, JCGT 2018).
 //!
-//! Light finds its way through by these draws alone: a solid throws a full shadow, and focused light is found
-//! only if the light is large or far around (the sun's disc is left out, as behind mirrors). Ways inside
+//! Light finds its way through by these draws alone. So a solid throws a full shadow, and focused light is
+//! found only if the light is large or far around. The sun's disc is left out, as behind mirrors. Ways inside
 //! count as sheets, not as bounces. Radiance is counted as it is outside, where every path begins and ends:
 //! its change by the square of the index of refraction, which leaving undoes, is left out.
 

@@ -193,8 +193,8 @@ pub fn specification(
 /// Name of the measurement of a frame with the share of its build that is true at the time, in milliseconds.
 pub const FRAME_MS: &str = "frame_ms";
 
-/// Cost of a frame with its share of a build that serves `frames_per_build` frames, in milliseconds; where
-/// its noise was measured, of as many frames as it takes to the error.
+/// Cost of a frame with its share of a build that serves `frames_per_build` frames, in milliseconds. Where
+/// its noise was measured, it is the cost of as many frames as it takes to the error.
 pub fn frame_cost(times: FrameTimes, frames_per_build: u32) -> f64 {
     let frame_ms = times.build_ms / f64::from(frames_per_build) + times.render_ms;
     times.noise.map_or(frame_ms, |noise| frame_ms * noise.samples_to_error)

@@ -17,7 +17,7 @@ const FRAMES_PER_DEAR: u64 = 20;
 const STARTS_LEAST: usize = 3;
 
 /// The cost of a start while a search ran. Where trials ran it often enough, it is the median of their costs,
-/// since the machine may have been slower or faster at other times; else it is what `otherwise` says.
+/// since the machine may have been slower or faster at other times. Else it is `otherwise`.
 pub fn start_cost(trials: &[f64], otherwise: impl FnOnce() -> Option<f64>) -> Option<f64> {
     match trials.len() >= STARTS_LEAST {
         true => Some(Summary::of(trials).median),

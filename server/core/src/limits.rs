@@ -37,8 +37,8 @@ pub const REFERENCES_MAX: usize = 4;
 /// sampled again.
 pub const RECORDS_PER_STATE_MAX: usize = 1024;
 /// Most configurations that are remembered of all states of a study together, as long as there are at most
-/// half as many states; else the best of each and its default. Configurations of states whose last report is
-/// oldest are forgotten first. With six parameters this is about 50 MB.
+/// half as many states. Else the best of each and its default are remembered. Configurations of states whose
+/// last report is oldest are forgotten first. With six parameters this is about 50 MB.
 pub const RECORDS_PER_STUDY_MAX: usize = if cfg!(test) { 1200 } else { 65_536 };
 /// Most trials from before a change of predictor that the new one is taught.
 pub const MODELS_TRIALS_MAX: u64 = if cfg!(test) { 40 } else { 20_000 };

@@ -37,7 +37,7 @@ pub(super) fn place(parameter: &Parameter, value: &Value) -> Option<f64> {
 pub(super) type Run = (Vec<Option<f64>>, f64);
 
 /// For each parameter the share of the variance of the logarithm of the cost that groups of its values
-/// predict in configurations left out, largest first; empty where there are too few configurations. Inactive
+/// predict in configurations left out, largest first. Empty where there are too few configurations. Inactive
 /// values of a parameter form a separate group. Runs of one configuration count as one, so that few
 /// configurations do not seem to explain each other. Estimated as `treewright analyze` does it (Plischke,
 /// Borgonovo and Smith, 2013; Allen, 1974).

@@ -18,8 +18,8 @@ use super::{Cost, processor_ms, trace};
 use crate::mesh::Mesh;
 
 /// Ways through the tree. `collect` is what the crate's documentation shows: every box that the ray meets, in
-/// a list. `culled` visits them one by one and leaves out those behind the nearest hit so far;
-/// `nearest_child` visits the nearer child first and looks at all; `flat` walks the array that the crate
+/// a list. `culled` visits them one by one and leaves out those behind the nearest hit so far.
+/// `nearest_child` visits the nearer child first and looks at all. `flat` walks the array that the crate
 /// makes of a tree.
 const TRAVERSALS: [&str; 4] = ["collect", "culled", "nearest_child", "flat"];
 

@@ -11,8 +11,8 @@ use crate::mesh::Mesh;
 
 /// A binned builder, and one with spatial splits.
 const BUILDERS: [&str; 2] = ["binned", "spatial"];
-/// The binary tree that is built; and the eight-wide one that it can be turned into, whose leaves hold four:
-/// the crate offers its traversal only to programs that are compiled for AVX2
+/// The binary tree that is built, and the eight-wide one that it can be turned into, whose leaves hold four.
+/// The crate offers the traversal of the wide one only to programs that are compiled for AVX2
 /// (`RUSTFLAGS="-C target-cpu=native"`).
 const LAYOUTS: &[&str] = if cfg!(target_feature = "avx2") { &["binary", "wide"] } else { &["binary"] };
 

@@ -4,10 +4,9 @@
 //! [`Device::suited`] keeps a bounded number of them beside the one the process opened. They share TBB's
 //! threads and count their memory together, and a budget set on that memory makes builds fail that exceed it.
 //!
-//! Embree keeps one error per thread, so it is read on the calling thread after every call that can
-//! fail. The code alone says little ("unknown error" is also "depth limit reached"); the text comes
-//! through the error callback, which Embree runs on the thread that made the call, so it is kept per
-//! thread as well.
+//! Embree keeps one error per thread, so it is read on the calling thread after every call that can fail. The
+//! code alone says little ("unknown error" is also "depth limit reached"). The text comes through the error
+//! callback, which Embree runs on the thread that made the call. So it is kept per thread as well.
 
 use std::cell::RefCell;
 use std::ffi::{CStr, CString, c_char, c_uint, c_void};

@@ -1,7 +1,7 @@
 //! Several rays in flight on one thread: they take turns, a node or leaf each.
 //!
 //! Rays that have parted wait for nodes that lie in no near cache. Here a ray that has made a step asks for
-//! the memory of its next one and lets the others go on meanwhile, so that their waiting overlaps; the next
+//! the memory of its next one and lets the others go on meanwhile, so that their waiting overlaps. The next
 //! ray takes the place of one that is done. This is the order of Kocberber, Falsafi and Grot, "Asynchronous
 //! Memory Access Chaining" (2015). Where the caches hold the tree it only costs.
 //!
@@ -22,7 +22,7 @@ use crate::layout::{Block, NodeRef, Root, TreeNode};
 /// Most rays in flight.
 pub(crate) const FLIGHT_MAX: usize = 8;
 
-/// What a ray asks, step by step.
+/// The requests of a ray, step by step.
 ///
 /// # Safety
 /// All functions require the processor features of the tests within, and a tree of their nodes and blocks,

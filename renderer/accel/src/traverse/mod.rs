@@ -1,10 +1,10 @@
 //! Rays through the tree: one algorithm, compiled for each kind of tree and instruction set.
 //!
-//! Meaning and machine are kept apart. [`kernel`] walks the tree, in [`flight`] several rays take turns,
-//! [`boxes`] tests a node's children, [`triangles`] and [`watertight`] test a leaf's blocks; all are written
-//! once over [`lanes::Lanes`], a handful of vector operations. [`compile`] compiles them for each
-//! instruction set and picks one set of functions when a tree is built, so that a ray pays one indirect call
-//! and no further choice.
+//! Meaning and machine are kept apart. [`kernel`] walks the tree. In [`flight`] several rays take turns.
+//! [`boxes`] tests a node's children. [`triangles`] and [`watertight`] test a leaf's blocks. All are written
+//! once over [`lanes::Lanes`], a handful of vector operations. [`compile`] compiles them for each instruction
+//! set and picks one set of functions when a tree is built, so that a ray pays one indirect call and no
+//! further choice.
 
 mod boxes;
 mod compile;
@@ -149,7 +149,7 @@ impl LevelKernels {
     ///
     /// # Safety
     /// The upper level has nodes of [`LEVEL_WIDTH`] children and leaves of placed parts, whose nodes are of
-    /// the objects in `lower`; its kernels are those of the objects' trees; everything lives. So for the
+    /// the objects in `lower`. Its kernels are those of the objects' trees. All of them live. So for the
     /// functions below.
     #[inline(always)]
     pub(crate) unsafe fn closest(&self, root: &Root, lower: &Lower, ray: &Ray) -> Option<Hit> {

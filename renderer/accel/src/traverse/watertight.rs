@@ -1,9 +1,9 @@
 //! The watertight triangle test: Woop, Benthin and Wald, "Watertight Ray/Triangle Intersection" (2013),
 //! on many pairs of ray and triangle at once, as in [`super::triangles`].
 //!
-//! Corners are moved and sheared so that the ray becomes the z axis; which side of an edge the axis lies
-//! on is then one difference of two products, exactly opposite for the two triangles that share the
-//! edge. No fused operation may be used for it: its single rounding would break that symmetry.
+//! Corners are moved and sheared so that the ray becomes the z axis. The side of an edge on which the axis
+//! lies is then the sign of one difference of two products. It is exactly opposite for the two triangles that
+//! share the edge. No fused operation may be used for it: its single rounding would break that symmetry.
 
 #![allow(unsafe_op_in_unsafe_fn, reason = "each operation is unsafe for the one reason that `Lanes` states")]
 

@@ -8,7 +8,7 @@ use crate::error::BuildError;
 /// Cache lines: nodes start on one.
 const LINE: usize = 64;
 
-/// A huge page. Blocks of at least this size start on one and ask the kernel for them: a ray touches nodes
+/// A huge page. Blocks of at least this size start on one and ask the kernel for them. A ray touches nodes
 /// all over the tree, and with small pages most of them would also miss the page table cache.
 const HUGE_PAGE: usize = 2 << 20;
 

@@ -1,8 +1,7 @@
 //! A binary tree over single triangles in two arrays, as the optimiser and the collapse want it.
 //!
-//! Node 0 is the root. The two children of a node lie side by side at an even number and the odd one behind
-//! it, so that both come with one cache line and a node finds its sibling by its own number. Number 1 is
-//! unused.
+//! Node 0 is the root. The two children of a node lie side by side, at an even number and the odd one behind
+//! it. So both come with one cache line, and a node finds its sibling by its own number. Number 1 is unused.
 
 use glam::Vec3A;
 

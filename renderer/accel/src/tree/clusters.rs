@@ -103,10 +103,10 @@ impl Clusters {
     }
 }
 
-/// For each cluster from `base` on, at most `P` less the radius, which of those at most `R` places away makes
-/// the smallest box with it: the exclusive or of both places, behind the area's highest bits. That is the
-/// same for both of a pair, and different for the partners of one, so of equal areas too there is always one
-/// pair whose two choose each other, and equal boxes are joined pair by pair.
+/// For each cluster from `base` on, at most `P` less the radius, the partner at most `R` places away that
+/// makes the smallest box with it. A key is the exclusive or of both places, behind the area's highest bits.
+/// That is equal for both of a pair, and different for the partners of one. So of equal areas too there is
+/// always one pair whose two choose each other, and equal boxes are joined pair by pair.
 #[inline(always)]
 fn nearest<const R: usize, const P: usize>(clusters: &Clusters, base: usize, best: &mut [u32; P]) {
     const { assert!(R + LANES <= FREE_BEHIND) };

@@ -1,10 +1,10 @@
 //! From the binary tree to the wide tree of least expected cost.
 //!
 //! Dynamic programming over the binary tree, as Ylitie, Karras and Laine describe it ("Efficient Incoherent
-//! Ray Traversal on GPUs Through Compressed Wide BVHs", 2017, section 3.1; the cost is that of Wald, Benthin
-//! and Boulos, "Getting Rid of Packets", 2008): what does it cost at least to make a subtree into at most `i`
-//! children of one wide node? For one child it becomes a leaf or a node of its own, whose children are at
-//! most as many as fit; for more its two halves share them. The answers for the halves give those for the
+//! Ray Traversal on GPUs Through Compressed Wide BVHs", 2017, section 3.1). It finds the least cost of making
+//! a subtree into at most `i` children of one wide node. The cost is that of Wald, Benthin and Boulos,
+//! "Getting Rid of Packets", 2008. For one child it becomes a leaf or a node of its own, whose children are
+//! at most as many as fit; for more its two halves share them. The answers for the halves give those for the
 //! whole, and going down again from the root the decisions are read off.
 
 use super::binary::{BinaryNode, BinaryTree};
@@ -104,9 +104,9 @@ impl Model {
     }
 }
 
-/// The way in which a subtree becomes children of a wide node: whether it is a leaf where it is one child,
-/// and for each greater number of children how many are in its first half, four bits each. 0 means that fewer
-/// children cost as little.
+/// The way in which a subtree becomes children of a wide node. It says whether the subtree is a leaf where it
+/// is one child. For each greater number of children it has the number of those in its first half, four bits
+/// each. 0 means that fewer children cost as little.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Decision(u64);
 

@@ -1,6 +1,6 @@
 //! Objects that are copied into the world. A ray meets a small object, or one that is placed once, sooner as
-//! part of one tree than as an object of its own, whose box overlaps others and into whose space every ray
-//! has to be taken.
+//! part of one tree than as an object of its own. The box of an object overlaps others, and every ray has to
+//! be taken into its space.
 
 use std::sync::Arc;
 

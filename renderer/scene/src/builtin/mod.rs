@@ -1,11 +1,11 @@
 //! Built-in scenes, generated from a name, a level of detail and a seed: equal ones give equal bytes.
 //!
-//! They cover the properties by which acceleration structures differ: architecture with large and small
-//! triangles side by side (`hall`), many equal axis-aligned faces (`voxels`), thin and long ones (`gallery`,
-//! `needles`, `hair`, `cables`, `scaffold`), one dense surface (`statue`), wide extent (`city`, and `model`,
-//! whose shading needs few features), more than fits memory but as instances (`forest`), cards that are
-//! mostly holes (`grove`), a mesh that deforms (`sea`), parts that move (`needles`, `sea`), light that is
-//! hard to find (`market`, `loft`), and a small one for trials (`quick`).
+//! They cover the properties by which acceleration structures differ. `hall` is architecture with large and
+//! small triangles side by side. `voxels` has many equal axis-aligned faces. `gallery`, `needles`, `hair`,
+//! `cables` and `scaffold` have thin and long ones. `statue` is one dense surface. `city` has a wide extent,
+//! and so has `model`, whose shading needs few features. `forest` fits memory only as instances. `grove` has
+//! cards that are mostly holes. `sea` has a mesh that deforms; parts move in `needles` and `sea`. Light is
+//! hard to find in `market` and `loft`. `quick` is a small one for trials.
 
 mod architecture;
 mod city;

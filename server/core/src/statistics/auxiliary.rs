@@ -310,7 +310,7 @@ mod tests {
     }
 
     /// A search of 120 trials that finds better and better, the first configuration every eighth time, on a
-    /// machine that is slower for whole spells; the true costs by configuration.
+    /// machine that is slower for whole spells. Returns the true costs by configuration, too.
     fn search_in_spells(seed: u64, unlike: impl Fn(usize) -> f64) -> (Vec<Observation>, Vec<f64>) {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         let truths: Vec<f64> = (0..120_i32)

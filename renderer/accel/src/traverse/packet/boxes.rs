@@ -119,9 +119,9 @@ impl<L: Lanes, N: Planes> PacketBoxes<N> for PaddedPacket<L> {
 }
 
 /// All rays as one, for a test against all children at once: the interval of their origins and that of their
-/// reciprocal directions, on each axis. Every box that one of them meets is met, and entered no later: each
+/// reciprocal directions, on each axis. Every box that one of them meets is met, and entered no later. Each
 /// plane's earliest (latest) time is that of the extreme origin and slope as long as it lies ahead of the
-/// rays, and planes behind them decide nothing.
+/// rays. Planes behind them decide nothing.
 ///
 /// The margins are several times those of [`PaddedBoxes`] and cover the rounding of the rays' own tests.
 ///

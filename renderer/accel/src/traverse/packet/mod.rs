@@ -1,8 +1,8 @@
 //! Sixteen rays together through the tree: for rays that mostly go one way.
 //!
-//! A node costs one test of the rays' common frustum against all children at once, then one test of all
-//! rays against each child that the frustum meets; a triangle is tested by all rays at once. So the rays
-//! share loads, branches and the order of the walk, as in Wald, Slusallek, Benthin and Wagner, "Interactive
+//! A node costs one test of the rays' common frustum against all children at once, then one test of all rays
+//! against each child that the frustum meets. A triangle is tested by all rays at once. So the rays share
+//! loads, branches and the order of the walk, as in Wald, Slusallek, Benthin and Wagner, "Interactive
 //! Rendering with Coherent Ray Tracing" (2001), with the frustum of Reshetov, Soupikov and Hurley,
 //! "Multi-Level Ray Tracing Algorithm" (2005). Where rays have parted and few are left in a subtree, each
 //! goes on alone, as in Benthin, Wald, Woop, Ernst and Mark, "Combining Single and Packet-Ray Tracing for
