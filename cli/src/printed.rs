@@ -69,7 +69,7 @@ impl fmt::Display for LeftOut {
     }
 }
 
-/// What an output is read for.
+/// The metrics that an output is read for.
 #[derive(Clone, Copy, Debug)]
 pub struct Wanted<'a> {
     /// Metrics that every run measures, with their weights in the cost.

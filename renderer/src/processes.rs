@@ -1,4 +1,4 @@
-//! What differs from one process to the next.
+//! The differences from one process to the next.
 //!
 //! The layout of memory and the placement of pages are those of a process, and make a structure some per cent
 //! faster or slower as long as it lives. Rounds of one process have all of that in common, so that an

@@ -44,7 +44,7 @@ impl Site {
         Self { daemon: Daemon::start_at(&database, &address), folder: self.folder }
     }
 
-    /// What a daemon with further arguments has logged.
+    /// The log of a daemon with further arguments.
     pub(crate) fn log(&self) -> String {
         std::fs::read_to_string(self.file("log")).expect("the log")
     }
@@ -84,14 +84,14 @@ pub(crate) fn shell(url: &str, arguments: &[&str]) -> Output {
     run("treewright", &[&["--server", url], arguments].concat())
 }
 
-/// What the command line prints; it must succeed.
+/// The output of the command line; it must succeed.
 pub(crate) fn say(url: &str, arguments: &[&str]) -> String {
     let output = shell(url, arguments);
     assert!(output.status.success(), "{arguments:?}: {}", stderr(&output));
     stdout(&output)
 }
 
-/// What the command line prints as JSON.
+/// The output of the command line as JSON.
 pub(crate) fn ask(url: &str, arguments: &[&str]) -> Value {
     json(&shell(url, &[&["--json"], arguments].concat()))
 }

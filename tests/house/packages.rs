@@ -14,7 +14,7 @@ fn command(arguments: &[&str]) -> Command {
     cargo
 }
 
-/// What cargo prints in the workspace.
+/// The output of cargo in the workspace.
 pub(crate) fn cargo(arguments: &[&str]) -> String {
     let output = command(arguments).output().expect("cargo runs");
     assert!(output.status.success(), "{arguments:?}: {}", String::from_utf8_lossy(&output.stderr));

@@ -63,7 +63,7 @@ Examples:
   treewright analyze sample-paper --filter 'indicator.triangles = 262267' --metric render_ms
   treewright analyze sponza --map intersection_cost,traversal_cost";
 
-/// What to analyse.
+/// The study to analyse, and the form of the result.
 #[derive(Debug, Args)]
 pub(crate) struct Analyze {
     /// The study's id, e.g. `sponza`
@@ -153,7 +153,7 @@ pub(crate) enum TrialFormat {
     Csv,
 }
 
-/// What to write.
+/// The study to write, and the file.
 #[derive(Debug, Args)]
 pub(crate) struct Export {
     /// The study's id
@@ -187,7 +187,7 @@ pub(crate) enum ExportFormat {
     Parquet,
 }
 
-/// What to read.
+/// The file to read, and its place.
 #[derive(Debug, Args)]
 pub(crate) struct Import {
     /// File to read: JSON Lines, Parquet (.parquet), CSV (.csv), or an SQLite database of Optuna or Vizier
@@ -195,7 +195,7 @@ pub(crate) struct Import {
     /// Study to import into. Default: the study in the file
     #[arg(long, value_name = "ID")]
     pub(crate) study: Option<String>,
-    /// What this database is called in origins; the machine's name when left out
+    /// Name of this database in origins; the machine's name when left out
     #[arg(long, value_name = "NAME")]
     pub(crate) site: Option<String>,
     /// Value of an indicator that the file lacks; can be repeated
@@ -212,7 +212,7 @@ pub(crate) struct Import {
     pub(crate) dry_run: bool,
 }
 
-/// What to watch.
+/// The studies to watch.
 #[derive(Debug, Args)]
 pub(crate) struct Watch {
     /// The study's id. Default: all studies

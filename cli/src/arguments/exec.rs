@@ -45,11 +45,12 @@ pub(crate) struct Exec {
     /// what is set up for a few runs
     #[arg(long, value_name = "NAME,…", value_delimiter = ',', requires = "tune")]
     pub(crate) setup: Vec<String>,
-    /// What every configuration of a new study fulfils, e.g. 'block_x * block_y <= 1024'; may be repeated
+    /// Condition that every configuration of a new study fulfils, e.g. 'block_x * block_y <= 1024'; may be
+    /// repeated
     #[arg(long = "constraint", value_name = "EXPRESSION", requires = "tune")]
     pub(crate) constraints: Vec<String>,
-    /// What a measurement of a new study may be, e.g. 'memory_mb<=2000'; a run beyond it counts as
-    /// infeasible. May be repeated
+    /// Limit of a measurement of a new study, e.g. 'memory_mb<=2000'; a run beyond it counts as infeasible.
+    /// May be repeated
     #[arg(long = "limit", value_name = "METRIC<=NUMBER", requires = "tune", value_parser = LimitEntry::inline)]
     pub(crate) limits: Vec<LimitEntry>,
     /// Cheaper level of a new study at which a run says whether a full one is worth its time, the cheapest

@@ -62,7 +62,7 @@ pub(crate) struct Arguments {
     pub(crate) command: Command,
 }
 
-/// What to do.
+/// The command.
 #[derive(Debug, Subcommand)]
 pub(crate) enum Command {
     /// Tunes any program by running it with different configurations
@@ -196,7 +196,7 @@ Examples:
     },
 }
 
-/// What to do with the settings.
+/// The commands for settings.
 #[derive(Debug, Clone, Copy, Subcommand)]
 pub(crate) enum ConfigCommand {
     /// Shows each setting and where it comes from

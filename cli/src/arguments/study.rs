@@ -26,7 +26,7 @@ Examples:
   treewright study show sponza --format toml > sponza.toml
   treewright study create sponza.toml --id sponza-2"#;
 
-/// What to do with one study.
+/// The commands for one study.
 #[derive(Debug, Subcommand)]
 pub(crate) enum StudyCommand {
     /// Creates a study from a file in TOML or JSON
@@ -96,7 +96,7 @@ Examples:
 /// The flags that change texts.
 const TEXTS: [&str; 4] = ["display_name", "note", "tags", "untags"];
 
-/// What to change.
+/// The study to change, and its new texts or file.
 #[derive(Debug, Args)]
 #[command(group = ArgGroup::new("edit").multiple(true).required(true).arg("file").args(TEXTS))]
 pub(crate) struct EditStudy {
@@ -105,7 +105,7 @@ pub(crate) struct EditStudy {
     /// A study file with the new parameters and constraints; - for standard input
     #[arg(conflicts_with_all = TEXTS)]
     pub(crate) file: Option<PathBuf>,
-    /// What all trials before had of a new parameter, or all later ones have of one that is gone; repeat for
+    /// Value of a new parameter in all trials before, or of one that is gone in all later ones; repeat for
     /// each. Default: its default
     #[arg(long, value_name = "NAME=VALUE", value_parser = parameter)]
     #[arg(requires = "file", conflicts_with_all = TEXTS)]
@@ -127,7 +127,7 @@ pub(crate) struct EditStudy {
     pub(crate) untags: Vec<String>,
 }
 
-/// What to copy.
+/// The study to copy, and the copy's id.
 #[derive(Debug, Args)]
 pub(crate) struct CloneStudy {
     /// The study's id

@@ -180,7 +180,7 @@ fn edit_space(client: &Client, change: &EditStudy, file: &Path, json: bool) -> R
     either(json, &record, || show::space::changed(&differences, &changed, change.yes))
 }
 
-/// What the study keeps though its file says otherwise, and the commands that change it.
+/// The fields that the study keeps though its file says otherwise, and the commands that change them.
 fn kept_words(file: &StudySpec, study: &StudyRecord) -> Option<String> {
     let differs = |name: &str, unset: &str| {
         let said = file.policy.show(name);

@@ -20,7 +20,7 @@ pub(super) fn terms(front: &Front) -> Vec<ObjectiveTerm> {
     front.metrics().map(|metric| ObjectiveTerm { metric: metric.to_owned(), weight: 1.0 }).collect()
 }
 
-/// What a study does with a metric.
+/// The use of a metric in a study.
 pub(super) fn what_is_done(term: &ObjectiveTerm, spec: &StudySpec, front: Option<&Front>) -> &'static str {
     let is_of_front = front.is_some_and(|front| front.maximised().any(|metric| metric == term.metric));
     match is_of_front || spec.objective.maximised().contains(&term.metric) {

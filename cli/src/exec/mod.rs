@@ -85,7 +85,7 @@ struct Session<'a> {
     front: Option<FrontHistory>,
     /// Runs that failed since one worked.
     failures_in_vain: u32,
-    /// What the runs have cost, in full ones.
+    /// The cost of the runs, in full ones.
     full_runs: f64,
     left_out: BTreeSet<LeftOut>,
 }
@@ -189,7 +189,7 @@ fn note_unused(template: &Template, spec: &StudySpec, exec: &Exec) {
     }
 }
 
-/// What has to be measured: what is minimised, and what is limited, which costs nothing.
+/// The metrics that have to be measured: minimised ones, and limited ones, which cost nothing.
 fn needed(spec: &StudySpec, front: Option<&Front>) -> Vec<ObjectiveTerm> {
     let mut all = front.map_or_else(|| spec.objective.terms().to_vec(), front::terms);
     for limit in spec.objective.limits() {

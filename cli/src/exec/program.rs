@@ -48,7 +48,7 @@ pub(crate) enum MetricSource {
 #[derive(Debug)]
 pub(crate) struct Runner<'a> {
     pub(crate) metric: MetricSource,
-    /// What every run has to measure.
+    /// The metrics that every run has to measure.
     pub(crate) wanted: Wanted<'a>,
     /// Exit codes besides 0 with which a run counts.
     pub(crate) accepted: &'a [i32],

@@ -41,7 +41,7 @@ fn described(parameter: &Parameter) -> String {
     format!("{}, default {}{}{setup}", parameter.domain, parameter.default, condition.unwrap_or_default())
 }
 
-/// What a change does, or would do.
+/// The effect of a change, or of one that is only tried.
 pub(crate) fn changed(differences: &[String], changed: &ChangedSpace, is_done: bool) -> String {
     let ChangedSpace { study, kept_trials, outside_trials, given_back_trials } = changed;
     let effect = format!(

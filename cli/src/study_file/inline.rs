@@ -14,10 +14,10 @@ use super::{IndicatorEntry, Kind, Number, ParameterEntry, Plain};
 pub(crate) struct LimitEntry {
     /// Name of a measurement.
     pub(crate) metric: String,
-    /// What it is at least.
+    /// The smallest allowed value.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) at_least: Option<f64>,
-    /// What it is at most.
+    /// The largest allowed value.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) at_most: Option<f64>,
 }
@@ -35,7 +35,7 @@ impl LimitEntry {
 pub(crate) struct FidelityEntry {
     /// 1 to 64 of `A-Z`, `a-z`, `0-9`, `_`, `-` and `.`, in quotes.
     pub(crate) name: String,
-    /// What a trial costs there, as a share of a full one; above that of the level before, below 1.
+    /// The cost of a trial there, as a share of a full one; above that of the level before, below 1.
     pub(crate) cost: f64,
 }
 

@@ -54,7 +54,7 @@ pub(crate) struct StudyFile {
     /// most 8. They cost nothing themselves.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub(crate) auxiliary: Vec<String>,
-    /// What measurements may be, such as a memory of at most 2000 MB; at most 16. What goes beyond is
+    /// Limits of measurements, such as a memory of at most 2000 MB; at most 16. A run beyond one is
     /// infeasible.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub(crate) limits: Vec<LimitEntry>,
@@ -64,15 +64,15 @@ pub(crate) struct StudyFile {
     /// Cheaper levels at which a trial can run, such as fewer samples, the cheapest first; at most 4.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub(crate) fidelities: Vec<FidelityEntry>,
-    /// What can be tuned, 1 to 128. A condition may only name a parameter that stands earlier.
+    /// The tuned parameters, 1 to 128. A condition may only name a parameter that stands earlier.
     pub(crate) parameters: Vec<ParameterEntry>,
-    /// What every configuration fulfils, such as `block_x * block_y <= 1024`; at most 64.
+    /// Conditions that every configuration fulfils, such as `block_x * block_y <= 1024`; at most 64.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub(crate) constraints: Vec<ConstraintEntry>,
     /// The numbers that describe an input. Without any the study has one state.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub(crate) indicators: Vec<IndicatorEntry>,
-    /// What is minimised: the sum of weight times metric.
+    /// The minimised cost: the sum of weight times metric.
     pub(crate) objective: Vec<TermEntry>,
     /// How the service decides. What is left out takes the daemon's default.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
@@ -113,7 +113,7 @@ impl Seed {
 pub(crate) struct ParameterEntry {
     /// 1 to 64 letters and digits of any script, `_`, `-` and `.`, beginning with a letter or `_`.
     pub(crate) name: String,
-    /// What kind of value it has.
+    /// The kind of its values.
     #[serde(rename = "type")]
     kind: Kind,
     /// The smallest value, of `integer` and `float`.
@@ -132,7 +132,7 @@ pub(crate) struct ParameterEntry {
     /// The choices of `categorical`: 1 to 64, all numbers or all words.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     values: Vec<Plain>,
-    /// What you use today: the baseline everything is judged against.
+    /// The value of today: the baseline of all gains.
     default: Plain,
     /// The parameter exists only while this holds.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -221,7 +221,7 @@ struct ConditionEntry {
     any_of: Vec<Plain>,
 }
 
-/// What every configuration fulfils while all parameters that it names are active.
+/// A condition that every configuration fulfils while all parameters that it names are active.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(untagged, deny_unknown_fields)]
 pub(crate) enum ConstraintEntry {
@@ -273,7 +273,7 @@ fn one() -> f64 {
 /// The key in a policy that names a preset.
 const PRESET: &str = "preset";
 
-/// What a policy says of a field.
+/// The value of a policy's field.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(untagged)]
 pub(crate) enum PolicyEntry {

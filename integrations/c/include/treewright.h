@@ -151,7 +151,7 @@ void tw_spec_minimise(tw_spec *spec, const char *metric, double weight);
 void tw_spec_maximise(tw_spec *spec, const char *metric, double weight);
 /* A measurement that explains a cost and is not minimised, such as processor time. */
 void tw_spec_auxiliary(tw_spec *spec, const char *metric);
-/* What a measurement may be; -INFINITY or INFINITY for no limit on that side. What goes beyond is infeasible, and every report
+/* Limits of a measurement; -INFINITY or INFINITY for none on that side. A run beyond one is infeasible, and every report
  * with a cost has to hold the measurement. */
 void tw_spec_limit(tw_spec *spec, const char *metric, double at_least, double at_most);
 /* Frames of a trial, 1 to 64, for costs that rise or fall while a configuration is in use. A tw_tuner keeps a trial for this
@@ -192,7 +192,7 @@ enum tw_count {
   TW_COUNT_ABANDONED = 8,    /* trials given back */
   TW_COUNT_QUEUED = 9        /* waiting or on their way now */
 };
-/* What became of suggestions and reports since the client was made; 0 for a number that is unknown. */
+/* Counts of suggestions and reports since the client was made; 0 for a number that is unknown. */
 uint64_t tw_client_count(const tw_client *client, int32_t which);
 
 /* Creates the study, or finds the equal one of that id: 1 to 64 of a-z, 0-9, - and _. An absent daemon is no error: the study is
@@ -202,7 +202,7 @@ tw_study *tw_client_study(const tw_client *client, const char *id, const tw_spec
 tw_study *tw_client_existing_study(const tw_client *client, const char *id, tw_error **error);
 /* Deletes a study with everything learnt. Fails: TW_REFUSED, TW_AWAY, TW_LATE. */
 bool tw_client_delete_study(const tw_client *client, const char *id, tw_error **error);
-/* What a change of a space means for the trials of its study. */
+/* The effect of a change of a space on the trials of its study. */
 typedef struct tw_changed_space {
   uint32_t revision;         /* of the space, after the change or, where it was only tried, as it is */
   int64_t kept_trials;       /* completed ones inside the new space */
@@ -223,7 +223,7 @@ bool tw_client_extend_lease(const tw_client *client, tw_suggestion *suggestion, 
 /* ---- a study ---------------------------------------------------------------------------------------------------- */
 
 void tw_study_free(tw_study *study);
-/* What to run next for these indicators, within the deadline. Fails only for arguments that are none (TW_INVALID); what else
+/* The next configuration for these indicators, within the deadline. Fails only for arguments that are none (TW_INVALID); what else
  * went wrong is reported by tw_suggestion_problem. */
 tw_suggestion *tw_study_suggest(const tw_study *study, const tw_number *indicators, size_t count, tw_error **error);
 /* A trial of the caller's own configuration, as JSON. Fails: TW_INVALID, TW_REFUSED, TW_AWAY, TW_LATE. */
@@ -250,7 +250,7 @@ enum tw_stage {
   TW_STAGE_NOTHING_BETTER = 5 /* none was shown to be better */
 };
 
-/* What is proven of an answer. A number of which nothing is known is NaN. Intervals are those of 95 %. */
+/* The standing of an answer. An unknown number is NaN. Intervals are those of 95 %. */
 typedef struct tw_standing {
   double cost; /* from all that was measured, never the luckiest run */
   double cost_low;
@@ -273,7 +273,7 @@ typedef struct tw_standing {
 tw_configuration *tw_study_best_standing(const tw_study *study, const tw_number *indicators, size_t count, double *cost,
                                          tw_standing *standing, tw_error **error);
 
-/* What a cost of the study stands for: the metric in its own unit where one is maximised and nothing else counts, else the cost. The
+/* The value behind a cost of the study: the metric in its own unit where one is maximised and nothing else counts, else the cost. The
  * ends of an interval change places there. NaN for NULL. */
 double tw_study_value(const tw_study *study, double cost);
 

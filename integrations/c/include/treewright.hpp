@@ -16,7 +16,7 @@
 
 namespace tw {
 
-// What went wrong: what() names cause and remedy.
+// An error: what() names cause and remedy.
 class Error : public std::runtime_error {
  public:
   Error(int32_t code, int32_t grpc_code, const char *message)
@@ -113,7 +113,7 @@ inline Known parse(const std::string &json) {
   return Known(detail::checked([&](tw_error **error) { return tw_configuration_new(json.c_str(), error); }), NAN);
 }
 
-// What to run next. Report it, or let it go, which gives the trial back.
+// The next configuration to run. Report it, or let it go, which gives the trial back.
 class Suggestion {
  public:
   explicit Suggestion(tw_suggestion *handle) : owned_(handle) {}
@@ -279,7 +279,7 @@ class Study {
   detail::Owned<tw_study> owned_;
 };
 
-// What a study is. Client::study reports mistakes.
+// The definition of a study. Client::study reports mistakes.
 class Spec {
  public:
   Spec() : owned_(tw_spec_new()) {}

@@ -113,7 +113,7 @@ pub(crate) extern "C" fn tw_client_extend_lease(
     guard(error, body).is_some()
 }
 
-/// What a change of a space did; see the header.
+/// The effect of a change of a space; see the header.
 #[derive(Debug, Clone, Copy)]
 #[repr(C)]
 pub(crate) struct ChangedSpace {

@@ -1,4 +1,4 @@
-/** What a parameter may be. */
+/** A parameter. */
 export type Value = boolean | number | string;
 /** Indicators go in, measurements come out; all finite, measurements not negative. */
 export type Numbers = Record<string, number>;
@@ -24,7 +24,7 @@ export type Parameter = { name: string; activeIf?: Condition; setup?: boolean } 
 export interface StudySpec {
   displayName?: string;
   parameters: Parameter[];
-  /** What every configuration fulfils: an expression such as `"x * y <= 1024"`, or `[lesser, greater]`. */
+  /** Conditions that every configuration fulfils: an expression such as `"x * y <= 1024"`, or `[lesser, greater]`. */
   constraints?: (string | [string, string])[];
   /** `[lowest, highest]`, mapped to 0 and 1; with `"log"` by the logarithm. */
   indicators?: Record<string, [number, number] | [number, number, "linear" | "log"]>;
@@ -33,7 +33,7 @@ export interface StudySpec {
   /** Weights of measurements that are to be large, such as rates: the weight over the measurement is added. */
   maximise?: Record<string, number>;
   auxiliary?: string[];
-  /** What measurements may be; a configuration that goes beyond is infeasible. */
+  /** Limits of measurements; a configuration that goes beyond is infeasible. */
   limits?: Record<string, { atLeast?: number; atMost?: number }>;
   /** Frames of a trial, 1 to 64, for costs that rise or fall while a configuration is in use; see `Tuner`. Default 1. */
   episodeFrames?: number;
@@ -113,7 +113,7 @@ export class Client {
   readonly stats: Stats;
 }
 
-/** What a change of a space means for the trials of its study. */
+/** The effect of a change of a space on the trials of its study. */
 export interface ChangedSpace {
   /** Of the space, after the change or, where it was only tried, as it is. */
   revision: number;
@@ -132,7 +132,7 @@ export interface Gain {
   probabilityBetter?: number;
 }
 
-/** What is proven of an answer: its cost, drawn from all that was measured and never the luckiest run, with its 95 % interval. */
+/** The standing of an answer: its cost, drawn from all that was measured and never the luckiest run, with its 95 % interval. */
 export interface Standing {
   cost: number;
   costLow: number;
@@ -142,7 +142,7 @@ export interface Standing {
   nothingBetter: boolean;
   /** How far confirmation is: off, searching, racing, better, nothing_better. */
   stage?: string;
-  /** What is proven, in the words of every surface. */
+  /** The standing, in the words of every surface. */
   status: "proven better" | "likely better" | "searching" | "confirming" | "open" | "nothing better" | "nothing to win";
 }
 
@@ -151,7 +151,7 @@ export interface Best {
   /** Mean objective of its measurements, and of the default's where there are some. */
   cost: number;
   defaultCost?: number;
-  /** What these stand for; see `Study.value`. */
+  /** The values behind these; see `Study.value`. */
   value: number;
   defaultValue?: number;
   /** The 95 % interval of the value, from all that was measured; absent where there is no standing. */
@@ -166,7 +166,7 @@ export interface Best {
 export class Study {
   readonly name: string;
   /**
-   * What to run next. Rejects only for wrong indicators; without the daemon it is the last good configuration, or the default, and
+   * The next configuration to run. Rejects only for wrong indicators; without the daemon it is the last good configuration, or the default, and
    * `problem` says why. Each suggestion that is neither reported nor given back is a trial of its own, for every caller.
    */
   suggest(indicators?: Numbers): Promise<Suggestion>;
@@ -188,7 +188,7 @@ export class Study {
   best(indicators?: Numbers): Promise<Best>;
   /** The Pareto front of the stored trials, without those that are excluded, ran at a cheaper level, or are outside the present space. */
   front(query?: FrontQuery): Promise<ParetoFront>;
-  /** What a cost stands for: the metric in its own unit where one is maximised and nothing else counts, else the cost. */
+  /** The value behind a cost: the metric in its own unit where one is maximised and nothing else counts, else the cost. */
   value(cost: number): number;
 }
 

@@ -38,7 +38,7 @@ export class Memory {
     if (this.#all.length > MOST) this.#all.splice(Math.max(this.#all.findIndex((one) => one.answered === undefined), 0), 1);
   }
 
-  /** What to run in a state; undefined where only the defaults are left. */
+  /** The configuration to run in a state; undefined where only the defaults are left. */
   lastGood(indicators) {
     const least = (all, key) => all.reduce((found, one) => (found === undefined || key(one) < key(found) ? one : found), undefined);
     const latest = (all) => least(all.filter((one) => one.answered !== undefined), (one) => -one.answered);

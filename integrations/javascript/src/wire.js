@@ -161,7 +161,7 @@ const [PROVEN, LIKELY] = [0.99, 0.8];
 /** The largest gain, as a share, that counts as nothing to win. */
 const NOTHING_TO_WIN = 0.01;
 
-/** What is proven, in the words of every surface. */
+/** The standing, in the words of every surface. */
 function statusOf({ gain, confirmation, gainAtMost }) {
   const stage = confirmation?.stage;
   const rounds = confirmation?.gain;
@@ -175,7 +175,7 @@ function statusOf({ gain, confirmation, gainAtMost }) {
   return gainAtMost <= NOTHING_TO_WIN ? "nothing to win" : "nothing better";
 }
 
-/** What is known best, with what is proven of it. */
+/** The best known configuration, with its standing. */
 export function bestFromWire(best) {
   const { cost = 0, defaultCost, measurements = 0, trial, standing } = best;
   const told = standing ? {

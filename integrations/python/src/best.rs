@@ -31,7 +31,7 @@ impl Best {
 
 #[pymethods]
 impl Best {
-    /// What to run with.
+    /// The configuration to run with.
     #[getter(configuration)]
     fn shown<'py>(&self, python: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         shown(python, self.configuration())
@@ -56,7 +56,7 @@ impl Best {
         self.0.default_cost
     }
 
-    /// What the cost stands for: the metric where one is maximised and nothing else counts, else the cost.
+    /// The value behind the cost: the metric where one is maximised and nothing else counts, else the cost.
     #[getter]
     fn value(&self) -> f64 {
         self.1.value(self.0.cost)
@@ -68,7 +68,7 @@ impl Best {
         self.cost_interval().map(|(low, high)| self.1.interval(low, high))
     }
 
-    /// What default_cost stands for.
+    /// The value behind default_cost.
     #[getter]
     fn default_value(&self) -> Option<f64> {
         self.0.default_cost.map(|cost| self.1.value(cost))
@@ -104,14 +104,14 @@ impl Best {
         self.standing().map(|known| known.confirmation.stage.word().to_lowercase())
     }
 
-    /// What is proven, in a word or two: proven better, likely better, searching, confirming, open, nothing
+    /// The standing in a word or two: proven better, likely better, searching, confirming, open, nothing
     /// better, nothing to win.
     #[getter]
     fn status(&self) -> Option<&'static str> {
         self.standing().map(Standing::in_short)
     }
 
-    /// What is proven, as a sentence.
+    /// The standing as a sentence.
     #[getter]
     fn verdict(&self) -> Option<String> {
         self.standing().map(|known| known.sentence_by(&self.1))

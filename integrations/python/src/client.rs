@@ -249,7 +249,7 @@ impl Client {
         python.detach(|| self.0.ping()).map(|took| took.as_secs_f64() * 1e3).map_err(raised)
     }
 
-    /// What became of suggestions and reports since the client was made.
+    /// Counts of suggestions and reports since the client was made.
     fn stats<'py>(&self, python: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let stats = self.0.stats();
         let shown = PyDict::new(python);
@@ -273,7 +273,7 @@ impl Client {
     }
 }
 
-/// What is tuned: asks for suggestions, and for what is known. May be shared between threads and tasks.
+/// A study: asks for suggestions, and for known results. May be shared between threads and tasks.
 #[pyclass(module = "treewright", frozen)]
 pub(crate) struct Study(blocking::Study, blocking::Client);
 
@@ -322,7 +322,7 @@ impl Study {
         self.0.spec().objective.beyond(&measured.0).map_err(|error| Invalid::new_err(error.to_string()))
     }
 
-    /// What a cost stands for: the metric where one is maximised and nothing else counts, else the cost.
+    /// The value behind a cost: the metric where one is maximised and nothing else counts, else the cost.
     fn value(&self, cost: f64) -> f64 {
         self.0.spec().objective.view().value(cost)
     }
@@ -418,9 +418,9 @@ impl Study {
         format!("<Study {}>", self.0.name())
     }
 
-    /// What to run next, within the deadline. Without the daemon it is the last good configuration, or the
-    /// default; see Suggestion.problem. Each suggestion that is open is a trial of its own, whichever thread
-    /// or task asked for it. Raises Invalid for wrong indicators.
+    /// The next configuration to run, within the deadline. Without the daemon it is the last good
+    /// configuration, or the default; see Suggestion.problem. Each suggestion that is open is a trial of its
+    /// own, whichever thread or task asked for it. Raises Invalid for wrong indicators.
     #[pyo3(signature = (indicators=None))]
     fn suggest(&self, python: Python<'_>, indicators: Option<Numbers>) -> PyResult<Suggestion> {
         let numbers = crate::convert::indicators(indicators);
@@ -458,8 +458,8 @@ impl Study {
         python.detach(|| self.1.renew(trial)).map(drop).map_err(raised)
     }
 
-    /// What would be exploited, which unpacks into a configuration and the predicted objective. Writes
-    /// nothing. Raises Invalid for wrong indicators.
+    /// The configuration that would be exploited, and the predicted objective: the result unpacks into both.
+    /// Writes nothing. Raises Invalid for wrong indicators.
     #[pyo3(signature = (indicators=None))]
     fn predict(&self, python: Python<'_>, indicators: Option<Numbers>) -> PyResult<Prediction> {
         let numbers = crate::convert::indicators(indicators);

@@ -97,7 +97,7 @@ impl FrontTrial {
 
 #[pymethods]
 impl FrontTrial {
-    /// What to run with.
+    /// The configuration to run with.
     #[getter]
     fn configuration<'py>(&self, python: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         shown(python, &self.trial.configuration)

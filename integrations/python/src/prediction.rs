@@ -6,7 +6,8 @@ use pyo3::types::PyDict;
 
 use crate::convert::shown;
 
-/// What would be exploited: `configuration, cost = study.predict()`, or by name, with the reason for it.
+/// The configuration that would be exploited: `configuration, cost = study.predict()`, or by name, with the
+/// reason for it.
 #[pyclass(module = "treewright", frozen)]
 pub(crate) struct Prediction(treewright_client::Prediction);
 
@@ -18,7 +19,7 @@ impl Prediction {
 
 #[pymethods]
 impl Prediction {
-    /// What to run with.
+    /// The configuration to run with.
     #[getter]
     fn configuration<'py>(&self, python: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         shown(python, &self.0.configuration)
@@ -31,7 +32,7 @@ impl Prediction {
         self.0.predicted_cost
     }
 
-    /// What it rests on: exploit where something is known, here or elsewhere; default where nothing is;
+    /// The kind of answer: exploit where something is known, here or elsewhere; default where nothing is;
     /// pinned where the policy says so.
     #[getter]
     fn mode(&self) -> String {

@@ -9,7 +9,7 @@ use treewright_client::{
 use crate::convert::value_of;
 use crate::error::{Invalid, raised};
 
-/// What can be tuned. Every method returns the space itself; Client.study reports mistakes.
+/// The tuned parameters. Every method returns the space itself; Client.study reports mistakes.
 #[pyclass(module = "treewright", frozen)]
 #[derive(Debug, Default)]
 pub(crate) struct Space {

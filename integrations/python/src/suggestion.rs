@@ -9,8 +9,8 @@ use treewright_client::{ClientError, Configuration, Finished, Outcome, Source, b
 use crate::convert::{Numbers, measurements, shown};
 use crate::error::{Invalid, raised};
 
-/// What to run next, and the trial that it is of. Report it, or give it back; leaving a ``with`` block gives
-/// back what is open, and tells an exception as the trial's failure.
+/// The next configuration to run, and its trial. Report it, or give it back. Leaving a ``with`` block gives
+/// back an open trial, and reports an exception as the trial's failure.
 #[pyclass(module = "treewright", frozen)]
 pub(crate) struct Suggestion {
     configuration: Configuration,
@@ -74,7 +74,7 @@ impl Suggestion {
 
 #[pymethods]
 impl Suggestion {
-    /// What to run with.
+    /// The configuration to run with.
     #[getter]
     fn configuration<'py>(&self, python: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         shown(python, &self.configuration)
@@ -224,7 +224,8 @@ impl Tuner {
 
 #[pymethods]
 impl Tuner {
-    /// What to run in this frame; sends what finish left. Raises Invalid for wrong indicators.
+    /// The configuration to run in this frame; sends the report that finish left. Raises Invalid for wrong
+    /// indicators.
     #[pyo3(signature = (indicators=None))]
     fn next(&self, python: Python<'_>, indicators: Option<Numbers>) -> PyResult<Suggestion> {
         let numbers = crate::convert::indicators(indicators);

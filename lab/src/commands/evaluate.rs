@@ -17,7 +17,7 @@ use crate::evaluation::fixed;
 use crate::evaluation::measure::{Stage, spread};
 use crate::evaluation::record::{GroupKind, Line, METHOD, Place};
 
-/// What to do.
+/// The command.
 #[derive(Debug, Subcommand)]
 pub(super) enum Command {
     /// Render: run searches at every camera, and measure fixed configurations.

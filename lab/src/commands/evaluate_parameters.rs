@@ -22,10 +22,10 @@ const NEEDLES: usize = 3_000;
 /// The camera of a path from which everything here is seen: the first.
 const CAMERA: u32 = 0;
 
-/// What the searches over a few parameters minimise.
+/// The objective of the searches over a few parameters.
 const OBJECTIVE: Objective = Objective::Render;
 
-/// What is measured.
+/// The measured experiment.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum Experiment {
     /// Searches over a few parameters, the others at their recommended values (4.2, Figures 6 to 8).
@@ -42,7 +42,7 @@ pub(super) struct ParametersArguments {
     #[command(flatten)]
     under: ConditionArguments,
 
-    /// What to measure.
+    /// Experiments to measure.
     #[arg(long, value_enum, value_delimiter = ',', default_values = ["parts", "splitting", "needles"])]
     experiment: Vec<Experiment>,
 

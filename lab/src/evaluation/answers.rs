@@ -60,7 +60,7 @@ pub(crate) fn entrants() -> Vec<String> {
     all
 }
 
-/// What each entrant answers at each camera that examines.
+/// The answer of each entrant at each camera that examines.
 pub(crate) type Answers = BTreeMap<(Place, String), Configuration>;
 
 /// Searches of one objective as predictors see them.
@@ -113,7 +113,7 @@ impl<'a> School<'a> {
         Ok(lessons)
     }
 
-    /// What everybody answers at the cameras of a fold that examine.
+    /// All entrants' answers at the cameras of a fold that examine.
     pub(crate) fn answers(&self, fold: &Fold) -> Result<Answers, CliError> {
         let mut answers = Answers::new();
         let all = Class::taught(self, fold, false)?;
@@ -169,7 +169,7 @@ impl Known {
 struct Class {
     predictors: Predictors,
     known: Known,
-    /// What each search ran last, and what any of them ran to its end.
+    /// The last configuration of each search, and all that any of them ran to its end.
     last: Vec<Checked>,
     tried: Vec<Checked>,
 }
@@ -291,7 +291,7 @@ impl School<'_> {
     }
 }
 
-/// What a client reports of a verdict.
+/// The report of a client for a verdict.
 fn told(verdict: Verdict) -> (BTreeMap<String, f64>, Outcome) {
     match verdict {
         Verdict::Cost(cost) => (BTreeMap::from([(COST.to_owned(), cost)]), Outcome::Ok),
@@ -303,7 +303,7 @@ fn not_judged(error: impl std::fmt::Display) -> CliError {
     CliError::Failed(format!("the record cannot be judged: {error}"))
 }
 
-/// What a client asks at a search's place.
+/// The question of a client at a search's place.
 fn ask(search: &Search) -> Ask {
     Ask { client_id: "evaluation".to_owned(), indicators: search.state.clone(), ..Ask::default() }
 }

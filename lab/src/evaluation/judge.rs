@@ -234,7 +234,7 @@ impl View<'_> {
         own.find(|one| one.objective == self.objective.name())
     }
 
-    /// What a search found, measured in a group.
+    /// The best of a search, measured in a group.
     fn best_cost(&self, search: &Search, group: &Group) -> Option<f64> {
         let (found, _) = best(search, self.objective, self.record.conditions.clock)?;
         self.cost_in(group, &found.configuration)

@@ -2,7 +2,7 @@
 
 use treewright_figures::escaped;
 
-/// What stands on a card: a figure.
+/// A card with a figure.
 pub(super) fn card(svg: &str) -> String {
     format!("<div class=\"card\">{svg}</div>")
 }

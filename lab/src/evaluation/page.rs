@@ -285,7 +285,7 @@ fn table(names: &[String], all: &[Standing], split: Split) -> String {
     markup::table(&heads, &names.iter().filter_map(row).collect::<Vec<_>>())
 }
 
-/// What was computed from the record, as CSV: file names and contents.
+/// The results from the record, as CSV: file names and contents.
 pub(crate) fn tables(report: &Report<'_>) -> BTreeMap<String, String> {
     let mut files = BTreeMap::new();
     for verdict in report.verdicts {

@@ -22,7 +22,7 @@ use crate::leave_scene_out::steps::{DEADLINE, Stage, join, space, tell};
 const OBJECTIVE: Objective = Objective::Render;
 /// The renderer's recommended configuration in rounds.
 pub(crate) const RECOMMENDED: Who = Who::Named(Cow::Borrowed("recommended"));
-/// What a search of the machine itself found in the scene.
+/// The best of a search by the machine itself in the scene.
 pub(crate) const OWN_SEARCH: Who = Who::Named(Cow::Borrowed("own search"));
 
 /// A predictor's answer after `frames` frames.

@@ -18,7 +18,7 @@ pub struct Study {
     /// compared. May be empty: the study then has one state. IMMUTABLE.
     #[prost(message, repeated, tag = "4")]
     pub indicators: ::prost::alloc::vec::Vec<Indicator>,
-    /// What is minimised. REQUIRED, IMMUTABLE. Raw measurements are kept, so that another study can weigh these numbers
+    /// The minimised cost. REQUIRED, IMMUTABLE. Raw measurements are kept, so that another study can weigh these numbers
     /// differently.
     #[prost(message, optional, tag = "5")]
     pub objective: ::core::option::Option<Objective>,
@@ -181,8 +181,8 @@ pub struct Condition {
     #[prost(message, repeated, tag = "2")]
     pub any_of: ::prost::alloc::vec::Vec<Value>,
 }
-/// What every configuration fulfils while all parameters that it names are active: `lesser <= greater`, between two
-/// numeric parameters, or an expression.
+/// A condition that every configuration fulfils while all parameters that it names are active: `lesser <= greater`,
+/// between two numeric parameters, or an expression.
 #[derive(Clone, PartialEq, Eq, Hash, ::prost::Message)]
 pub struct Constraint {
     #[prost(string, tag = "1")]
@@ -238,8 +238,8 @@ pub struct Objective {
     /// none among the terms.
     #[prost(string, repeated, tag = "2")]
     pub auxiliary: ::prost::alloc::vec::Vec<::prost::alloc::string::String>,
-    /// What measurements may be. A completed trial beyond a limit is recorded as infeasible, with its measurements and the
-    /// limit as the reason, and the search learns to avoid what is like it. OPTIONAL, at most 16, metrics distinct.
+    /// Limits of measurements. A completed trial beyond a limit is recorded as infeasible, with its measurements and the
+    /// limit as the reason, and the search learns to avoid similar configurations. OPTIONAL, at most 16, metrics distinct.
     #[prost(message, repeated, tag = "3")]
     pub limits: ::prost::alloc::vec::Vec<MeasurementLimit>,
     /// Metrics of terms that are to be large, such as frames a second. Such a term is its weight over the measurement, which
@@ -274,10 +274,10 @@ pub struct MeasurementLimit {
     /// Name of a measurement, spelt like an indicator's. It may be minimised, too. REQUIRED.
     #[prost(string, tag = "1")]
     pub metric: ::prost::alloc::string::String,
-    /// What it is at least. OPTIONAL, finite; one of the two is needed.
+    /// The smallest allowed value. OPTIONAL, finite; one of the two is needed.
     #[prost(double, optional, tag = "2")]
     pub at_least: ::core::option::Option<f64>,
-    /// What it is at most. OPTIONAL, finite, not below `at_least`.
+    /// The largest allowed value. OPTIONAL, finite, not below `at_least`.
     #[prost(double, optional, tag = "3")]
     pub at_most: ::core::option::Option<f64>,
 }
@@ -543,7 +543,7 @@ pub struct Trial {
         ::prost::alloc::string::String,
         f64,
     >,
-    /// What to run with.
+    /// The configuration to run with.
     #[prost(message, optional, tag = "5")]
     pub configuration: ::core::option::Option<Configuration>,
     /// Why this configuration.
@@ -623,11 +623,12 @@ pub struct Reason {
     /// The known states that the answer rests on, nearest first.
     #[prost(message, repeated, tag = "4")]
     pub neighbours: ::prost::alloc::vec::Vec<Neighbour>,
-    /// What the policy weighed.
+    /// The quantities that the policy weighed.
     #[prost(message, optional, tag = "5")]
     pub explanation: ::core::option::Option<Explanation>,
 }
-/// What the policy weighed when it answered. Costs are in the objective's units; unset is what played no part.
+/// The quantities that the policy weighed when it answered. Costs are in the objective's units. A quantity that played
+/// no part is unset.
 #[derive(Clone, PartialEq, ::prost::Message)]
 pub struct Explanation {
     /// The rule that decided.
@@ -636,10 +637,10 @@ pub struct Explanation {
     /// The probability of exploring that the dice were thrown with.
     #[prost(double, optional, tag = "2")]
     pub epsilon: ::core::option::Option<f64>,
-    /// What was left of the client's regret budget before this answer.
+    /// The rest of the client's regret budget before this answer.
     #[prost(double, optional, tag = "3")]
     pub budget_left: ::core::option::Option<f64>,
-    /// What was set aside of it for this trial: the most that it can cost above the reference.
+    /// The part of it that was set aside for this trial: the most that it can cost above the reference.
     #[prost(double, optional, tag = "4")]
     pub set_aside: ::core::option::Option<f64>,
     /// The cost of what would have been run without exploring.
@@ -651,13 +652,13 @@ pub struct Explanation {
     /// How many frames are expected to profit.
     #[prost(double, optional, tag = "7")]
     pub expected_frames: ::core::option::Option<f64>,
-    /// What exploring is expected to cost in all, in frames of the reference.
+    /// The expected cost of exploring in all, in frames of the reference.
     #[prost(double, optional, tag = "8")]
     pub exploring_cost: ::core::option::Option<f64>,
-    /// What would have been answered, were the study not in shadow.
+    /// The answer, were the study not in shadow.
     #[prost(message, optional, tag = "10")]
     pub instead_of: ::core::option::Option<Configuration>,
-    /// What this trial costs is not learnt.
+    /// The cost of this trial is not learnt.
     #[prost(bool, tag = "11")]
     pub silent: bool,
 }
@@ -833,7 +834,7 @@ pub enum Rule {
     Budget = 5,
     /// Not explored, because the expected gain does not pay for it, or is below the noise.
     Gain = 6,
-    /// What was exploited here did clearly worse than another configuration.
+    /// The exploited configuration did clearly worse here than another.
     RolledBack = 7,
     /// The study is frozen.
     Frozen = 8,
@@ -1020,8 +1021,8 @@ pub struct SuggestRequest {
     /// OPTIONAL. Otherwise a regret budget must set far more aside for each trial.
     #[prost(bool, tag = "7")]
     pub can_abort: bool,
-    /// What this session wants for itself, instead of what the study's policy says. It holds for this answer and is sent
-    /// with every request; nothing of it is kept in the study. OPTIONAL.
+    /// The wishes of this session, in place of the study's policy. They hold for this answer and are sent with every
+    /// request. The study keeps none of them. OPTIONAL.
     #[prost(message, optional, tag = "8")]
     pub session_policy: ::core::option::Option<SessionPolicy>,
     /// Where `wanted` was measured before, when the trial is carried over from another study or another database and is
@@ -1051,7 +1052,7 @@ pub struct SuggestRequest {
     #[prost(message, optional, tag = "13")]
     pub start: ::core::option::Option<Configuration>,
 }
-/// What replaces a study's policy for one session of one client. Unset fields are as in the study. Pinned configurations, the
+/// Replaces a study's policy for one session of one client. Unset fields are as in the study. Pinned configurations, the
 /// operation and the regret budget are the operator's and cannot be replaced.
 #[derive(Clone, Copy, PartialEq, ::prost::Message)]
 pub struct SessionPolicy {
@@ -1106,7 +1107,7 @@ pub struct TuneRequest {
     /// Result of an earlier trial. OPTIONAL.
     #[prost(message, optional, tag = "1")]
     pub report: ::core::option::Option<ReportRequest>,
-    /// What is wanted next. OPTIONAL.
+    /// The next question. OPTIONAL.
     #[prost(message, optional, tag = "2")]
     pub suggest: ::core::option::Option<SuggestRequest>,
 }
@@ -1171,11 +1172,11 @@ pub struct PredictResponse {
     pub predicted_cost: ::core::option::Option<f64>,
     #[prost(message, optional, tag = "4")]
     pub reason: ::core::option::Option<Reason>,
-    /// What is known of the state, if it is one that the study has met.
+    /// The knowledge of the state, if the study has met it.
     #[prost(message, optional, tag = "5")]
     pub state: ::core::option::Option<StateInsight>,
 }
-/// What the policy knows of a state.
+/// The policy's knowledge of a state.
 #[derive(Clone, PartialEq, ::prost::Message)]
 pub struct StateInsight {
     #[prost(int64, tag = "1")]
@@ -1206,10 +1207,10 @@ pub struct StateInsight {
     pub expected_frames: ::core::option::Option<f64>,
     #[prost(double, optional, tag = "10")]
     pub exploring_cost: ::core::option::Option<f64>,
-    /// What the search here and the predictors leave out, and why.
+    /// Parameters and indicators that the search here and the predictors leave out, and why.
     #[prost(message, repeated, tag = "11")]
     pub omissions: ::prost::alloc::vec::Vec<Omission>,
-    /// What is proven of the configuration that is exploited here. Unset until one that can be run was measured.
+    /// The standing of the configuration that is exploited here. Unset until one that can be run was measured.
     #[prost(message, optional, tag = "12")]
     pub standing: ::core::option::Option<Standing>,
 }
@@ -1332,9 +1333,9 @@ pub struct Gain {
     #[prost(double, optional, tag = "4")]
     pub probability_better: ::core::option::Option<f64>,
 }
-/// What came of running the best few configurations of a state against its incumbent, in rounds in which each is measured
-/// once. OFF, BETTER and NOTHING_BETTER are final: a client that waits for a verdict goes on asking and reporting until
-/// then.
+/// The result of running the best few configurations of a state against its incumbent, in rounds in which each is
+/// measured once. OFF, BETTER and NOTHING_BETTER are final: a client that waits for a verdict goes on asking and
+/// reporting until then.
 #[derive(Clone, Copy, PartialEq, ::prost::Message)]
 pub struct Confirmation {
     #[prost(enumeration = "ConfirmationStage", tag = "1")]
@@ -1352,7 +1353,7 @@ pub struct Confirmation {
     #[prost(message, optional, tag = "5")]
     pub gain: ::core::option::Option<Gain>,
 }
-/// What is proven of a state's answer, which is the configuration that is exploited there.
+/// The proven facts of a state's answer, which is the configuration that is exploited there.
 #[derive(Clone, Copy, PartialEq, ::prost::Message)]
 pub struct Standing {
     /// Its cost, estimated from everything measured in the state and never the luckiest measurement, and the 95 % interval.
@@ -1404,7 +1405,7 @@ pub struct Best {
     pub trial: ::prost::alloc::string::String,
     #[prost(message, optional, tag = "7")]
     pub last_measure_time: ::core::option::Option<::prost_types::Timestamp>,
-    /// What is proven of it. Unset where it takes the place of another, which the client does not know.
+    /// Its standing. Unset where it takes the place of another, which the client does not know.
     #[prost(message, optional, tag = "8")]
     pub standing: ::core::option::Option<Standing>,
 }
@@ -1846,7 +1847,7 @@ pub mod tuning_service_client {
                 .insert(GrpcMethod::new("treewright.v1.TuningService", "Tune"));
             self.inner.streaming(req, path, codec).await
         }
-        /// What would be exploited for these indicators. Writes nothing, leases nothing.
+        /// The configuration that would be exploited for these indicators. Writes nothing, leases nothing.
         /// Errors: NOT_FOUND (study); INVALID_ARGUMENT as for Suggest.
         pub async fn predict(
             &mut self,
@@ -2122,7 +2123,7 @@ pub mod tuning_service_server {
             &self,
             request: tonic::Request<tonic::Streaming<super::TuneRequest>>,
         ) -> std::result::Result<tonic::Response<Self::TuneStream>, tonic::Status>;
-        /// What would be exploited for these indicators. Writes nothing, leases nothing.
+        /// The configuration that would be exploited for these indicators. Writes nothing, leases nothing.
         /// Errors: NOT_FOUND (study); INVALID_ARGUMENT as for Suggest.
         async fn predict(
             &self,

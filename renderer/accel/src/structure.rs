@@ -28,7 +28,7 @@ pub enum Structure {
     BruteForce(BruteForce),
 }
 
-/// What is written once for every variant and compiled for each.
+/// Work that is written once for every variant and compiled for each.
 macro_rules! of_each {
     ($structure:expr, $one:ident => $work:expr) => {
         match $structure {

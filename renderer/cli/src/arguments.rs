@@ -276,7 +276,7 @@ impl StartArguments {
 /// Which acceleration structure, and how it is rendered with.
 #[derive(Args, Clone, Debug)]
 pub struct StructureArguments {
-    /// What parameters there are.
+    /// The parameters.
     #[command(flatten)]
     pub space: SpaceArguments,
 

@@ -25,7 +25,7 @@ pub struct ServerArguments {
     #[arg(long, value_name = "MS", default_value_t = 500, value_parser = clap::value_parser!(u64).range(1..=60_000))]
     pub deadline_ms: u64,
 
-    /// What is shown to it.
+    /// The credentials for it.
     #[command(flatten)]
     pub credentials: CredentialArguments,
 }

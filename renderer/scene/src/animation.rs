@@ -108,7 +108,7 @@ pub(super) struct Piece {
     pub(super) skin: Option<(usize, Vec<Influence>)>,
 }
 
-/// What moves a vertex that hangs on some of a skin's joints.
+/// The matrix that moves a vertex that hangs on some of a skin's joints.
 fn blended((joints, weights): &Influence, matrices: &[Mat4]) -> Mat4 {
     joints.iter().zip(weights).map(|(joint, weight)| matrices[usize::from(*joint)] * *weight).sum()
 }
@@ -353,7 +353,7 @@ impl Animated {
         places
     }
 
-    /// What an animation does to copied instances: by vertex, from its place at rest to that now.
+    /// The motion of copied instances by an animation: by vertex, from its place at rest to that now.
     fn carrying(&self, clip: usize, share: f32) -> impl Fn(usize) -> Option<Affine3A> + Sync {
         let copied = self.copied.as_ref();
         let moves = copied.map_or_else(Vec::new, |(instances, _)| {

@@ -52,7 +52,7 @@ pub struct Assembler {
     placement: Placement,
     /// The box around everything outside objects.
     world: Bounds,
-    /// What the file's animations move.
+    /// The parts that the file's animations move.
     rig: Option<Rig>,
     /// By position: the vertex of the rig that it is. Ends with the last one that is any, until the end.
     sources: Vec<u32>,

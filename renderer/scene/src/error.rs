@@ -45,7 +45,7 @@ pub enum SceneError {
         path: PathBuf,
         /// The unsupported feature.
         what: String,
-        /// What to do.
+        /// The remedy.
         remedy: String,
     },
     /// The content does not follow its format.
@@ -57,7 +57,7 @@ pub enum SceneError {
         format: &'static str,
         /// The fault and its place.
         cause: String,
-        /// What to do.
+        /// The remedy.
         remedy: &'static str,
     },
     /// Nothing to render.
@@ -144,7 +144,7 @@ pub enum SceneError {
 }
 
 impl SceneError {
-    /// What makes errors of a file that does not follow its format, by their causes.
+    /// A function that makes errors of a file that does not follow its format, by their causes.
     pub(super) fn malformed(
         path: &Path,
         format: &'static str,

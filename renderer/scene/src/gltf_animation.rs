@@ -1,4 +1,4 @@
-//! What moves in a glTF file: the keys of its animations, its skins, and the morph targets of its meshes.
+//! The motion in a glTF file: the keys of its animations, its skins, and the morph targets of its meshes.
 
 use glam::{Mat4, Vec3, Vec4};
 use gltf::accessor::{DataType, Dimensions};
@@ -16,7 +16,7 @@ use super::part::Part;
 const NUMBERS: &[DataType] = &[DataType::F32, DataType::I8, DataType::U8, DataType::I16, DataType::U16];
 
 /// Reads animations and skins. `order` holds the nodes of the shown scene with their parents, parents first.
-/// What cannot be read gets a note, and is left out.
+/// Those that cannot be read are left out with a note.
 pub(super) fn read(
     document: &Document,
     order: Vec<(usize, Option<usize>)>,

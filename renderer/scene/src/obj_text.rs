@@ -8,7 +8,7 @@ use glam::{DVec3, Vec2, Vec3};
 use super::part::Part;
 use super::place::far_middle;
 
-/// What an OBJ text says.
+/// The contents of an OBJ text.
 #[derive(Default)]
 pub(super) struct Parsed {
     /// Those with faces, in order.

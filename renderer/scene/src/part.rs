@@ -18,8 +18,8 @@ pub struct Part {
     pub indices: Vec<[u32; 3]>,
 }
 
-/// What moves normals, but for their length, where this moves positions. The cofactor matrix does so like the
-/// inverse transpose, and exists for flattened meshes too.
+/// The matrix that moves normals, but for their length, where `linear` moves positions. The cofactor matrix
+/// does so like the inverse transpose, and exists for flattened meshes too.
 pub(super) fn normal_matrix(linear: &Mat3) -> Mat3 {
     Mat3::from_cols(
         linear.y_axis.cross(linear.z_axis),

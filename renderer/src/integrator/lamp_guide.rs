@@ -160,7 +160,7 @@ fn cells(sorted: &[(u64, u32)]) -> impl Iterator<Item = &[(u64, u32)]> {
     sorted.chunk_by(|a, b| a.0 == b.0).filter(|cell| cell.len() >= PLACES_MIN)
 }
 
-/// What the lamps of cells are learnt from.
+/// The data from which the lamps of cells are learnt.
 struct Lesson<'a, F> {
     lamps: &'a [Lamp],
     groups: &'a LampGroups,
@@ -170,7 +170,7 @@ struct Lesson<'a, F> {
     arrives: F,
 }
 
-/// What was learnt of a cell.
+/// The lamps of a cell as they were learnt.
 struct CellLamps {
     /// Groups in the order of their numbers, the light that each should bring, and its worth.
     lamps: Vec<(u32, f32, f32)>,

@@ -28,7 +28,7 @@ const SAMPLES: u32 = 16;
 
 const TILE: u32 = 16;
 
-/// What pilot frames find.
+/// The findings of pilot frames.
 #[derive(Debug, Default)]
 struct Notes {
     records: Vec<LightRecord>,

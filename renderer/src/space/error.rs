@@ -33,7 +33,7 @@ pub enum ConfigurationError {
         name: &'static str,
         /// The value that was asked for.
         value: String,
-        /// What the renderer does instead.
+        /// The renderer's choice in its place.
         kept: String,
     },
     /// A range or a value that a parameter cannot be held to.

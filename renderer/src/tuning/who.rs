@@ -33,7 +33,7 @@ pub enum Who {
     BestFixedFor(Objective),
     /// The configuration that is recommended where a tree serves a thousand frames.
     ForStills,
-    /// What a search found, as long as it is not known to be the best.
+    /// The best of a search, as long as it is not known to be better than all rivals.
     Found,
     /// The search's best, once it has beaten all rivals.
     Tuned,
@@ -43,7 +43,7 @@ pub enum Who {
     PlainLight,
     /// The predictor's answer.
     Predicted,
-    /// What the service held for the best after this number of trials.
+    /// The best by the service after this number of trials.
     AfterTrials(u32),
     /// Its answer after this number of frames in a scene; 0 is the answer before the first.
     AfterFrames(u32),

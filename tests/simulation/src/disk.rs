@@ -38,7 +38,7 @@ const FORGOTTEN: u32 = 500;
 
 type Answer = oneshot::Sender<Result<(), StoreError>>;
 
-/// What is written under a fence of the durable store.
+/// A write under a fence of the durable store.
 type Write = Box<dyn Fn(&MemoryStore, &Fence) -> Receipt + Send>;
 
 /// Something that waits for the writer.

@@ -30,7 +30,7 @@ class Refused(TreewrightError):
     """The daemon will not do it."""
 
 class Space:
-    """What can be tuned. Every method returns the space itself; Client.study reports mistakes."""
+    """The tuned parameters. Every method returns the space itself; Client.study reports mistakes."""
 
     def __init__(self) -> None: ...
     def integer(
@@ -136,7 +136,7 @@ class Study:
     def beyond(self, measured: Mapping[str, float]) -> Optional[str]:
         """The first limit that measurements are beyond, in words; None where they are within all of them."""
     def value(self, cost: float) -> float:
-        """What a cost stands for: the metric where one is maximised and nothing else counts, else the cost."""
+        """The value behind a cost: the metric where one is maximised and nothing else counts, else the cost."""
     @property
     def value_title(self) -> str:
         """The name of such values: "cost", or the metric and that higher is better."""
@@ -154,7 +154,7 @@ class Study:
     def pin(self, configuration: Mapping[str, Value]) -> None: ...
     def unpin(self) -> None: ...
     def suggest(self, indicators: Optional[Numbers] = None) -> Suggestion:
-        """What to run next, within the deadline; see Suggestion.problem. Raises Invalid for wrong indicators."""
+        """The next configuration to run, within the deadline; see Suggestion.problem. Raises Invalid for wrong indicators."""
     def trial_of(self, configuration: Mapping[str, Value], indicators: Optional[Numbers] = None) -> Suggestion:
         """A trial of the caller's own configuration."""
     def set_start(self, configuration: Optional[Mapping[str, Value]] = None) -> None:
@@ -162,7 +162,7 @@ class Study:
     def extend_lease(self, suggestion: Suggestion) -> None:
         """Renews the lease of an open suggestion, counted from now. Raises Refused where the daemon has ended its trial."""
     def predict(self, indicators: Optional[Numbers] = None) -> Prediction:
-        """What would be exploited, and the predicted objective. Writes nothing."""
+        """The configuration that would be exploited, and the predicted objective. Writes nothing."""
     def best(self, indicators: Optional[Numbers] = None) -> Best:
         """The best known, with what is proven of it; of all states without indicators. Raises Refused when nothing was measured."""
     def trials(self, filter: str = "", order_by: str = "") -> Trials:
@@ -186,7 +186,7 @@ class Best:
     def default_cost(self) -> Optional[float]: ...
     @property
     def value(self) -> float:
-        """What the cost stands for: the metric where one is maximised and nothing else counts, else the cost."""
+        """The value behind the cost: the metric where one is maximised and nothing else counts, else the cost."""
     @property
     def value_interval(self) -> Optional[tuple[float, float]]: ...
     @property
@@ -203,7 +203,7 @@ class Best:
     def stage(self) -> Optional[str]: ...
     @property
     def status(self) -> Optional[str]:
-        """What is proven, in a word or two, such as "proven better" or "searching"."""
+        """The standing in a word or two, such as "proven better" or "searching"."""
     @property
     def verdict(self) -> Optional[str]: ...
     @property
@@ -218,7 +218,7 @@ class Best:
     def __iter__(self) -> Iterator[Any]: ...
 
 class Prediction:
-    """What would be exploited: ``configuration, cost = study.predict()``, or by name."""
+    """The configuration that would be exploited: ``configuration, cost = study.predict()``, or by name."""
 
     @property
     def configuration(self) -> dict[str, Value]: ...

@@ -82,7 +82,7 @@ class Client:
         return await _beside(self._client.ping_ms)
 
     def stats(self) -> dict:
-        """What became of suggestions and reports since the client was made."""
+        """Counts of suggestions and reports since the client was made."""
         return self._client.stats()
 
 
@@ -143,7 +143,7 @@ class Study:
         return self._study.beyond(measured)
 
     def value(self, cost: float) -> float:
-        """What a cost stands for; see ``treewright.Study.value``."""
+        """The value behind a cost; see ``treewright.Study.value``."""
         return self._study.value(cost)
 
     async def flush(self, deadline_ms: float = 5000.0) -> None:
@@ -151,7 +151,7 @@ class Study:
         await _beside(self._study.flush, deadline_ms)
 
     def suggest(self, indicators: Optional[dict] = None) -> _Asked:
-        """What to run next: awaited, or entered with ``async with``. See ``treewright.Study.suggest``."""
+        """The next configuration to run: awaited, or entered with ``async with``. See ``treewright.Study.suggest``."""
         return _Asked(self._study, indicators)
 
     async def trial_of(self, configuration: dict, indicators: Optional[dict] = None) -> Suggestion:
@@ -167,7 +167,7 @@ class Study:
         await _beside(self._study.extend_lease, suggestion)
 
     async def predict(self, indicators: Optional[dict] = None) -> Prediction:
-        """What would be exploited, and the predicted objective. Writes nothing."""
+        """The configuration that would be exploited, and the predicted objective. Writes nothing."""
         return await _beside(self._study.predict, indicators)
 
     async def trials(self, filter: str = "", order_by: str = "") -> Trials:

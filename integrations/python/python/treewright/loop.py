@@ -16,9 +16,9 @@ class Ran(NamedTuple):
     number: int
     """How many ran before it in this loop."""
     suggestion: Suggestion
-    """What it ran with; ``suggestion.configuration``."""
+    """The configuration of the run; ``suggestion.configuration``."""
     measured: "dict[str, float]"
-    """What was reported; empty where the objective raised an error that is caught."""
+    """The reported measurements; empty where the objective raised an error that is caught."""
     cost: Optional[float]
     """The study's objective of these measurements; None where they are beyond a limit, and where there are none."""
 

@@ -43,7 +43,7 @@ def _robust(ax: Any, places: Sequence[Any], values: "Sequence[float]", others: "
 
 
 def _answer(study: Study, trials: "list[dict[str, Any]]") -> "Optional[tuple[float, float]]":
-    """What the answer in the state of these trials costs by all measurements: the ends of its 95 % interval."""
+    """The cost of the answer in the state of these trials by all measurements: the ends of its 95 % interval."""
     try:
         best = study.best(trials[-1]["indicators"])
     except TreewrightError:

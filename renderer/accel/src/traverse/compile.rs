@@ -313,7 +313,7 @@ compile!(
     lanes::avx512::Sixteen
 );
 
-/// What the module of an instruction set answers; `None` where it is not available.
+/// The answer of an instruction set's module; `None` where it is not available.
 macro_rules! of_isa {
     ($isa:expr, $query:ident($parameter:expr)) => {
         match $isa {

@@ -2,8 +2,8 @@
 //!
 //! The method is insertion-based optimisation (Bittner, Hapala and Havran, "Fast Insertion-Based Optimization
 //! of Bounding Volume Hierarchies", 2013) in its parallel form (Meister and Bittner, "Parallel Reinsertion
-//! for Bounding Volume Hierarchy Optimization", 2018): in each pass many nodes look for a better place at
-//! once, in a tree that stands still, by branch and bound; then the moves are carried out, those of most gain
+//! for Bounding Volume Hierarchy Optimization", 2018). In each pass many nodes look for a better place at
+//! once, in a tree that stands still, by branch and bound. Then the moves are carried out, those of most gain
 //! first. Where moves get in each other's way the later one is given up, and so is one that turns out not to
 //! pay after the earlier ones: the cost never rises. Nothing depends on the number of threads.
 

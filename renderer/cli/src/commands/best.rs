@@ -30,7 +30,7 @@ pub(crate) struct Arguments {
     #[command(flatten)]
     start: StartArguments,
 
-    /// What to minimise.
+    /// Objective to minimise.
     #[arg(long, value_parser = objective(), default_value = Objective::Render.name())]
     objective: Objective,
 

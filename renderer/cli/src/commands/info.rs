@@ -37,7 +37,7 @@ pub(crate) struct ListArguments {
 pub(crate) struct SpacesArguments {
     #[command(flatten)]
     space: SpaceArguments,
-    /// What to minimise; this decides where a search starts.
+    /// Objective to minimise; this decides where a search starts.
     #[arg(long, value_parser = objective(), default_value = Objective::Render.name())]
     objective: Objective,
     /// Print JSON.

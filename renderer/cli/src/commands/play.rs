@@ -55,7 +55,7 @@ pub(crate) struct Arguments {
     #[command(flatten)]
     start: StartArguments,
 
-    /// What to minimise; with the space, this selects the study.
+    /// Objective to minimise; with the space, this selects the study.
     #[arg(long, value_enum, default_value_t = Aim::Render)]
     objective: Aim,
 
@@ -94,7 +94,7 @@ pub(crate) struct Arguments {
     json: Option<PathBuf>,
 }
 
-/// What a flight minimises.
+/// The objective of a flight.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, ValueEnum)]
 #[serde(rename_all = "snake_case")]
 enum Aim {

@@ -34,7 +34,7 @@ const POLL: Duration = Duration::from_millis(100);
 /// Longest wait for its end once it is not wanted any more.
 const GOODBYE: Duration = Duration::from_secs(5);
 
-/// What the second process measures.
+/// The order of rounds that the second process measures.
 #[derive(Debug, Serialize, Deserialize)]
 struct RoundsOrder {
     rounds: u32,

@@ -42,7 +42,7 @@ pub(crate) struct Arguments {
     #[arg(long, conflicts_with = "space")]
     pub(super) paper: bool,
 
-    /// What to minimise.
+    /// Objective to minimise.
     #[arg(long, value_parser = objective(), default_value = Objective::Render.name())]
     pub(super) objective: Objective,
 

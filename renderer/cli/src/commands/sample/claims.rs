@@ -58,7 +58,7 @@ impl Claims {
         self.look(client, study)
     }
 
-    /// What cannot be read now stays held.
+    /// A trial that cannot be read now stays held.
     fn look_again(&mut self, client: &Client) -> Result<(), ClientError> {
         let numbers: Vec<u64> = self.held.keys().copied().collect();
         for number in numbers {

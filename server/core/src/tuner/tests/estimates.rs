@@ -12,7 +12,7 @@ const POOR: f64 = 0.8;
 /// The least of [`cost`] where `x` is 0.5.
 const LEAST: f64 = 12.75;
 
-/// What the answer costs above the optimum, as a share, after a search in which half of the measurements are
+/// The answer's cost above the optimum, as a share, after a search in which half of the measurements are
 /// poor. The client tells their standard errors, or keeps them for itself.
 fn excess(seed: u64, is_told: bool) -> f64 {
     let mut tuner = Tuner::new(Arc::new(StudySpec { seed, ..spec(explore_always()) })).expect("valid");
