@@ -322,7 +322,7 @@ fn medians(runs: &[Vec<f64>]) -> Vec<f64> {
 }
 
 /// The places of the points of which no other is as small everywhere and smaller somewhere, sorted by their
-/// values. Who is dominated is so by one that comes earlier in this order and is itself not dominated.
+/// values. A dominated point is so by one that comes earlier in this order and is itself not dominated.
 fn non_dominated(points: &[Vec<f64>]) -> Vec<usize> {
     let order =
         |a: &usize, b: &usize| points[*a].partial_cmp(&points[*b]).unwrap_or(std::cmp::Ordering::Equal);

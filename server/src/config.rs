@@ -103,7 +103,7 @@ pub struct ServeConfig {
     #[command(flatten)]
     pub database: DatabaseConfig,
 
-    /// Who may enter, and over what.
+    /// The callers that may enter, and their connections.
     #[command(flatten)]
     pub guard: GuardConfig,
 

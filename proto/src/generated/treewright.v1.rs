@@ -531,7 +531,7 @@ pub struct Trial {
     /// another, goes on after all numbers that were handed out under that name.
     #[prost(string, tag = "1")]
     pub name: ::prost::alloc::string::String,
-    /// Who holds it.
+    /// The client that holds it.
     #[prost(string, tag = "2")]
     pub client_id: ::prost::alloc::string::String,
     /// The state it is for: a number that is equal for equal states of the study.
@@ -1304,8 +1304,8 @@ pub struct GetBestRequest {
         ::prost::alloc::string::String,
         f64,
     >,
-    /// Who asks. Where this machine has been in the state, its own measurements answer, else those of the machine that
-    /// has reported the most frames from it. OPTIONAL.
+    /// The asking client's machine. Where this machine has been in the state, its own measurements answer, else those of
+    /// the machine that has reported the most frames from it. OPTIONAL.
     #[prost(message, optional, tag = "3")]
     pub fingerprint: ::core::option::Option<Fingerprint>,
     /// The revision of the space that the client works with, as for Suggest. If the best is not in it, the cheapest measured

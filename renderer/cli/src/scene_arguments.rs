@@ -129,7 +129,7 @@ impl SceneArguments {
             true => self.moving()?.at(self.time)?,
             false => self.still()?,
         };
-        // What it would move by may be larger than itself. Who asks for motion reads it again.
+        // What it would move by may be larger than itself. A command that asks for motion reads it again.
         Arc::make_mut(&mut scene).animated = None;
         Ok(scene)
     }

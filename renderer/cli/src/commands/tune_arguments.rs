@@ -70,9 +70,9 @@ pub(crate) struct Arguments {
 
     /// Interleaved rounds in which the winner is measured again, beside the start and native Embree, each
     /// with builds of its own as far as a minute goes. From six on, half of them (rounded up) run in a second
-    /// process, which may measure some per cent differently; intervals hold that. Who is not shown to be
-    /// faster than the start there does not replace it; fewer than six rounds show nothing by themselves.
-    /// After two minutes there are no more than six.
+    /// process, which may measure some per cent differently; intervals hold that. A configuration that is not
+    /// shown to be faster than the start there does not replace it. Fewer than six rounds show nothing by
+    /// themselves. After two minutes there are no more than six.
     #[arg(long, value_name = "N", default_value_t = 21, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..=i64::from(ROUNDS_MAX)))]
     pub(super) rounds: u32,
 

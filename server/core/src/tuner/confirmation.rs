@@ -177,8 +177,8 @@ impl Confirming {
 pub(super) enum Finding {
     /// A cost.
     Cost(f64),
-    /// A challenger was stopped below its known cost. Once may be chance, and counts as that cost; who is
-    /// stopped so twice is never run to its end.
+    /// A challenger was stopped below its known cost. Once may be chance, and counts as that cost. A
+    /// challenger that is stopped so twice is never run to its end.
     Stopped {
         /// The mean cost of its runs before.
         known: f64,

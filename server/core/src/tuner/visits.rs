@@ -198,7 +198,7 @@ mod tests {
         visits.note_held("a", false);
         assert_eq!((visits.forget_oldest().as_deref(), visits.forget_oldest()), (Some("a"), None));
         assert_eq!(visits.len(), 0);
-        // Who holds a trial already when it comes is not forgotten either.
+        // A client that already holds a trial when it comes is not forgotten either.
         visits.begin(visit("stranger", 1, 5));
         assert_eq!((visits.forget_oldest(), visits.len()), (None, 1));
     }
