@@ -82,8 +82,8 @@ pub struct Wanted<'a> {
     pub most: usize,
 }
 
-/// Reads an output. `taken` is what was measured from outside; a number that the program prints under the
-/// same name counts in its place.
+/// Reads an output. `taken` is what was measured from outside; a number that the program prints under that
+/// name counts in its place.
 #[must_use]
 pub fn read(out: &str, wanted: Wanted<'_>, taken: &Measurements) -> Printed {
     let Wanted { terms, maximised, limits, most } = wanted;

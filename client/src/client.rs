@@ -46,10 +46,10 @@ impl Drop for LastHandle {
 
 impl Client {
     /// Makes a client of the daemon at `url`, e.g. `http://127.0.0.1:50611`, or `unix:/path/of/socket` on the
-    /// same machine. Where several daemons serve one database, `url` may name them all, parted by commas: the
-    /// client uses the first that serves, and goes over to another by itself when that one goes. It begins to
-    /// connect in the background and does not wait for that: an absent daemon is no error but shows in
-    /// [`Client::status`].
+    /// daemon's machine. Where several daemons serve one database, `url` may name them all, parted by commas:
+    /// the client uses the first that serves, and goes over to another by itself when that one goes. It
+    /// begins to connect in the background and does not wait for that: an absent daemon is no error but shows
+    /// in [`Client::status`].
     ///
     /// Errors: [`ClientError::BadUrl`]; [`ClientError::Invalid`] for an option out of range, and for
     /// credentials that need TLS where the address has none; [`ClientError::NoRuntime`] outside a tokio

@@ -116,7 +116,7 @@ impl FrontLoop {
         Ok(None)
     }
 
-    /// Ends a run, and tells every direction of it.
+    /// Ends a run, and reports it to every direction.
     ///
     /// # Errors
     /// [`ClientError::Invalid`] where it succeeded and a metric is missing or not above 0;

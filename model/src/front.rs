@@ -200,7 +200,8 @@ impl Front {
 
     /// The cost of a run in a direction: the metric itself in the first directions, else the exponential of
     /// the augmented Chebyshev norm beside the best known of each metric, `ideal`. `minimised` is what
-    /// [`Front::values`] tells. `None` where an ideal point is needed and missing, and for other directions.
+    /// [`Front::values`] returns them. `None` where an ideal point is needed and missing, and for other
+    /// directions.
     #[must_use]
     pub fn cost(&self, direction: usize, minimised: &[f64], ideal: Option<&[f64]>) -> Option<f64> {
         if let Some(metric) = minimised.get(direction) {

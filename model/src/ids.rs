@@ -8,8 +8,8 @@ use std::str::FromStr;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-/// The identity of a study, drawn when it was created: no other study has it, not even an earlier one of the
-/// same name. Written as 16 hexadecimal digits.
+/// The identity of a study, drawn when it was created: no other study has it, not even an earlier one of its
+/// name. Written as 16 hexadecimal digits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct StudyUid(pub u64);
 

@@ -93,8 +93,8 @@ pub struct Gain {
 }
 
 impl Gain {
-    /// The gain as a study's view tells it: of what is maximised, the share by which it is above the other.
-    /// An end at which the cost would be nothing says nothing of a rate.
+    /// The gain in a study's view. Of a maximised metric it is the share by which it is above the other. An
+    /// end at which the cost would be nothing says nothing of a rate.
     #[must_use]
     pub fn by(self, view: &CostView) -> Self {
         let finite = |end| Some(view.share(end)).filter(|share| share.is_finite());

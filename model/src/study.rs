@@ -366,7 +366,7 @@ impl StudyBuilder {
     }
 
     /// Makes it the study of a front: a run's direction is its indicator and the cost there its objective,
-    /// and its display name tells the metrics. Nothing is confirmed, unless the policy says so, which is to
+    /// and its display name lists the metrics. Nothing is confirmed, unless the policy says so, which is to
     /// be set before: that race would be one of a single direction.
     #[must_use]
     pub fn front(mut self, front: &Front) -> Self {

@@ -102,7 +102,7 @@ pub const TOKENS_STALE: Duration = Duration::from_secs(30);
 /// Period between stores of the tokens' usage. A crash forgets at most the usage of one period.
 pub const USAGE_PERIOD: Duration = Duration::from_secs(2);
 
-/// Longest wait for the database to tell the tokens, and to take or to tell their usage. The daemon's end
+/// Longest wait for the database to list the tokens, and to store or to list their usage. The daemon's end
 /// waits for the latter as well.
 pub const TOKENS_WAIT: Duration = Duration::from_secs(5);
 

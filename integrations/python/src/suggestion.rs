@@ -126,8 +126,8 @@ impl Suggestion {
         self.fidelity.as_deref()
     }
 
-    /// Whether what was set up for the trial before serves this one: that was measured to its end, with the
-    /// same values of all parameters with setup. Always false for loops that run side by side in a process.
+    /// Whether what was set up for the trial before serves this one: that was measured to its end, with these
+    /// values of all parameters with setup. Always false for loops that run side by side in a process.
     #[getter]
     fn is_prepared(&self) -> bool {
         self.is_prepared

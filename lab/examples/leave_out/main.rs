@@ -7,8 +7,8 @@
 //! seen. "flat" is the space as a list of parameters that are always active; "conditional" knows which
 //! parameter is active under which condition. In "scenes" other scenes were explored before; in "unlike"
 //! every other parameter means the opposite there, in "one unlike" only in the nearest. Runs that do not
-//! arrive count as the budget. The last columns are the share at the end over that of "conditional" on the
-//! same seed: median and least. Names of arms choose among them.
+//! arrive count as the budget. The last columns are the share at the end over that of "conditional" on that
+//! seed: median and least. Names of arms choose among them.
 
 #[path = "../search_quality/problem.rs"]
 mod problem;

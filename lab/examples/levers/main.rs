@@ -203,8 +203,8 @@ fn geometric_mean(values: &[f64]) -> f64 {
     (values.iter().map(|value| value.ln()).sum::<f64>() / values.len().max(1) as f64).exp()
 }
 
-/// The number of the way that is best in the mean over all worlds of other scenes. Winners of worlds of the
-/// same scene do not take part: a winner's number is its world's, behind the two ways that everybody has.
+/// The number of the way that is best in the mean over all worlds of other scenes. Winners of worlds of that
+/// scene do not take part: a winner's number is its world's, behind the two ways that everybody has.
 fn best_fixed(tables: &[Vec<Standing>], scenes: &[String], of: usize, are_winners: bool) -> usize {
     let is_other = |world: usize| scenes[world] != scenes[of];
     let others = |way: usize| {

@@ -197,7 +197,7 @@ impl Figure {
         self.key(&format!("from blue: {best}, to orange: {worst}"), || cells);
     }
 
-    /// A line through points; a name tells it apart in the legend and at a pointer.
+    /// A line through points; its name stands in the legend and at a pointer.
     pub fn line(&mut self, points: &[[f64; 2]], stroke: Stroke, colour: Colour, name: &str) {
         let mut path = String::new();
         for point in points {

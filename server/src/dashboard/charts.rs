@@ -222,7 +222,7 @@ pub(super) fn slice(axis: &Axis, points: &[(f64, f64)], view: &CostView) -> Stri
     figure.finish()
 }
 
-/// Means in a square of cells of what a study tells; places of both axes are 0 to 1. Values are averaged as
+/// Means of a study's reports in a square of cells; places of both axes are 0 to 1. Values are averaged as
 /// they were reported: the value of a mean cost would be the harmonic mean of a metric that is maximised.
 pub(super) fn contour(x_axis: &Axis, y_axis: &Axis, points: &[(f64, f64, f64)], view: &CostView) -> String {
     const CELLS: usize = 12;

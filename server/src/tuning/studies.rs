@@ -139,7 +139,7 @@ impl Tuning {
     /// [Sweeps](Self::sweep_leases), and returns the errors that do not pass by themselves, by study.
     ///
     /// # Errors
-    /// When the store does not tell which leases have run out.
+    /// When the store does not list the leases that have run out.
     pub async fn sweep(&self) -> Result<BTreeMap<String, Error>, Error> {
         let now_ms = self.now_ms();
         let due = self.store().studies_with_due_leases(now_ms).await?;

@@ -394,7 +394,7 @@ fn policy(policy: &Policy) -> Result<String, StoreError> {
     Ok(text)
 }
 
-/// Joins the two texts of a study again, and tells its earlier spaces.
+/// Joins the two texts of a study again, and returns its earlier spaces.
 pub(crate) fn into_specification(
     specification: &str,
     policy: &str,

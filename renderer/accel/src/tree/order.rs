@@ -1,7 +1,7 @@
 //! The order of nodes and leaves in memory: depth first.
 //!
-//! A ray goes down the tree, so nodes that it visits one after the other should lie close together: in the
-//! same cache lines, pages and prefetch streams. A node's largest child, the likeliest next step, lies right
+//! A ray goes down the tree, so nodes that it visits one after the other should lie close together: in shared
+//! cache lines, pages and prefetch streams. A node's largest child, the likeliest next step, lies right
 //! behind it.
 
 use super::plan::{Child, Link, Named, Plan};

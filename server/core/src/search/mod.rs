@@ -1,4 +1,4 @@
-//! Searches inside one state: ask for a point of the unit cube, and tell its result.
+//! Searches inside one state: ask for a point of the unit cube, and report its result.
 //!
 //! A search is a small value. Its state goes through serde exactly, and its randomness is derived from
 //! `(seed, state, step)` (see [`SearchSetup`]). So a search that is stored and read back goes on with equal

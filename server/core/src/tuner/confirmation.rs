@@ -198,7 +198,7 @@ pub(super) struct Answered {
     pub(super) is_incumbent: bool,
     /// That incumbent is the default, or the client's start.
     pub(super) nothing_better: bool,
-    /// The most that any configuration may gain over the answer; `None` where there is no time to tell.
+    /// The most that any configuration may gain over the answer; `None` where there is no time to find out.
     pub(super) gain_at_most: Option<f64>,
 }
 

@@ -72,7 +72,7 @@ pub(in super::super) struct Runner {
 }
 
 /// The fall of the best cost so far in several studies, each relative to its own default, which is 1. That
-/// line follows luck, so a dot with its interval tells where the answers are.
+/// line follows luck, so a dot with its interval shows where the answers are.
 pub(in super::super) fn race(runners: &[Runner]) -> String {
     let best: Vec<Vec<[f64; 2]>> = runners
         .iter()

@@ -1,4 +1,4 @@
-//! A row of the list of studies, and its form in JSON, by which one dashboard tells another.
+//! A row of the list of studies, and its form in JSON, which one dashboard sends another.
 
 use std::collections::BTreeSet;
 
@@ -20,7 +20,7 @@ pub(super) struct IndexRow {
     pub(super) what: String,
     pub(super) tags: Vec<String>,
     pub(super) status: String,
-    /// The gain over the default as the study tells it; `None` where that is not known.
+    /// The gain over the default in the study's view; `None` where that is not known.
     pub(super) gain: Option<Gain>,
     pub(super) gain_note: String,
     pub(super) states: i64,
@@ -29,7 +29,7 @@ pub(super) struct IndexRow {
     pub(super) open: i64,
     pub(super) last: String,
     pub(super) created: String,
-    /// The address of the replica that holds the study, where that is another than the daemon that tells.
+    /// The address of the replica that holds the study, where that is another than the daemon that answers.
     pub(super) holder: String,
 }
 
@@ -55,7 +55,7 @@ impl IndexRow {
         })
     }
 
-    /// Reads what another dashboard tells; `None` where it names no study.
+    /// Reads a row from another dashboard; `None` where it names no study.
     pub(super) fn of_json(told: &Value) -> Option<Self> {
         let cut = |text: &str| text.chars().take(TEXT).collect::<String>();
         let text = |name: &str| cut(told[name].as_str().unwrap_or_default());

@@ -36,7 +36,7 @@ struct Page {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Shown {
     Gain,
-    /// The objective, as the study tells it.
+    /// The objective, in the study's view.
     Cost,
     /// The parameter of this index.
     Parameter(usize),

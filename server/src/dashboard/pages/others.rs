@@ -90,7 +90,7 @@ async fn ask(peer: &DashboardPeer) -> Result<Vec<IndexRow>, String> {
     // It ends with this question.
     let mut driving = JoinSet::new();
     driving.spawn(async move {
-        // The answer tells of a failure.
+        // The answer is a failure.
         let _ = connection.await;
     });
     let mut request = Request::get(PATH).header(header::HOST, &peer.authority);

@@ -115,7 +115,7 @@ impl StudyIndex {
         Self { tuning, summaries: Arc::default(), others: OtherDaemons::new(peers) }
     }
 
-    /// The number of changes of what it tells beside counts.
+    /// The number of changes of its texts beside counts.
     pub(in super::super) fn changes(&self) -> u64 {
         self.summaries.changes()
     }

@@ -203,7 +203,7 @@ async fn summarise(tuning: &Tuning, id: &str, uid: &str) -> Result<StudySummary,
         gain_note: note_of(&standings, gains.len(), view.better_side()),
         progress: progress(&standings),
         last: newest.and_then(|trial| last_time(&trial)),
-        // A state in which nothing was measured has nothing to tell before the counts change.
+        // A state in which nothing was measured has nothing to show before the counts change.
         is_whole: holder.is_none(),
         holder,
     })

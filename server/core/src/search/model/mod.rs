@@ -27,7 +27,8 @@
 //! - *Other states.* A [`MainEffects`] sums up the other states of the study. The search begins with its best
 //!   point and the best of the others, and costs may depend on it linearly. Its weight is learnt like a
 //!   length, and each parameter's part in it is weighed by the measurements here. While no better point is
-//!   found, their further winners are tried now and then: no sum of effects tells what pays only together.
+//!   found, their further winners are tried now and then: no sum of effects shows values that pay only
+//!   together.
 //! - *Known errors.* A point whose client knows the standard error of its measurements counts for less than
 //!   others, by its share in the variance.
 //! - *Scale.* Costs are seen through a logarithm whose origin is chosen by likelihood (see `gp::warping`).

@@ -13,7 +13,7 @@ const POOR: f64 = 0.8;
 const LEAST: f64 = 12.75;
 
 /// The answer's cost above the optimum, as a share, after a search in which half of the measurements are
-/// poor. The client tells their standard errors, or keeps them for itself.
+/// poor. The client reports their standard errors, or keeps them for itself.
 fn excess(seed: u64, is_told: bool) -> f64 {
     let mut tuner = Tuner::new(Arc::new(StudySpec { seed, ..spec(explore_always()) })).expect("valid");
     let mut random = ChaCha8Rng::seed_from_u64(seed);

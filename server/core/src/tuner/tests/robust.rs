@@ -90,7 +90,7 @@ fn one_absurd_report_stops_no_later_trial() {
     }
 }
 
-/// Beside the first report nothing tells that it is far too low, and everything else is stopped by it.
+/// Beside the first report nothing shows that it is far too low, and everything else is stopped by it.
 #[test]
 fn one_absurdly_low_first_report_stops_few_trials() {
     for wild in [0.0, 1e-300, 1e-3] {
