@@ -74,9 +74,9 @@ impl CredentialArguments {
 }
 
 /// Whether the argument `server` overrules the TLS settings, which are for another daemon then and are left
-/// out: its addresses have no TLS, and it comes from a place that goes before theirs. Where one of them comes
-/// from the place of the address, or goes before it, all stay, and connecting refuses them. `matches` are
-/// those of the command that has the arguments.
+/// out. Then its addresses have no TLS, and it comes from a place that goes before theirs. Where one of them
+/// comes from the place of the address, or goes before it, all stay, and connecting refuses them. `matches`
+/// are those of the command that has the arguments.
 #[must_use]
 pub fn overrules_tls(matches: &clap::ArgMatches) -> bool {
     let Ok(Some(server)) = matches.try_get_one::<String>("server") else { return false };

@@ -1,6 +1,6 @@
-//! Pauses between attempts: they double up to a limit, and half of each is left to chance, so that many
-//! clients do not come back at the same moment ("equal jitter", after M. Brooker, "Exponential Backoff
-//! And Jitter", AWS Architecture Blog, 2015).
+//! Pauses between attempts. They double up to a limit. Half of each is left to chance, so that many clients
+//! do not come back at one moment ("equal jitter", after M. Brooker, "Exponential Backoff And Jitter", AWS
+//! Architecture Blog, 2015).
 
 use std::time::Duration;
 

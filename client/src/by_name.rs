@@ -1,9 +1,9 @@
-//! Trials by name, with ask and tell as separate calls: for programs whose halves are processes of their own,
-//! such as lines of a shell script, and for programs that carry measurements over from elsewhere.
+//! Trials by name, with ask and tell as separate calls. They are for programs whose halves are processes of
+//! their own, such as lines of a shell script, and for programs that carry measurements over from elsewhere.
 //!
 //! Each call is one question to the daemon and returns its error; there are no fallbacks and no queue. A
-//! trial that is handed out stays with its client until it is reported or given back, or its lease ends;
-//! dropping the record does nothing. Frame loops use [`crate::Study`].
+//! trial that is handed out stays with its client until it is reported or given back, or its lease ends.
+//! Dropping the record does nothing. Frame loops use [`crate::Study`].
 
 use treewright_proto::convert::{configuration_to_wire, fingerprint_to_wire, session_policy_to_wire};
 use treewright_proto::v1;

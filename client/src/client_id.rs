@@ -1,7 +1,7 @@
 //! The default id of a client. It is unique among running clients, and a restarted program gets it again.
 //!
 //! It names program, machine and user, and a slot that distinguishes clients that run side by side.
-//! Containers that share a machine's network share its slots as well; those with a network of their own have
+//! Containers that share a machine's network share its slots as well. Those with a network of their own have
 //! a host name of their own.
 
 use std::sync::{Mutex, PoisonError};

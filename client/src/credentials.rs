@@ -16,8 +16,9 @@ use crate::{ClientError, limits};
 /// The contents of a PEM file.
 type Pem = Arc<[u8]>;
 
-/// Token and certificates. The default has none: enough for a daemon on this machine, or for one whose
-/// certificate comes from an authority that the system trusts and that asks for no token.
+/// Token and certificates. The default has none. That is enough for a daemon on this machine. It is also
+/// enough for one that asks for no token, and whose certificate comes from an authority that the system
+/// trusts.
 #[derive(Clone, Default)]
 pub struct Credentials {
     token: Option<MetadataValue<Ascii>>,

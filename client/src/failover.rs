@@ -58,8 +58,8 @@ impl Failover {
         }
     }
 
-    /// The connection to use: the current one while it is trusted, else the first that serves, beginning with
-    /// the one after it; the current one where none does.
+    /// The connection to use. It is the current one while it is trusted, else the first that serves,
+    /// beginning with the one after it. It is the current one where none serves.
     async fn pick(&self) -> (usize, Channel) {
         let shared = &*self.shared;
         let current = shared.current.load(Ordering::Acquire);

@@ -221,7 +221,7 @@ fn idle_s() -> u32 {
 }
 
 /// Interval of health checks at which a client of this address keeps the user's own daemon alive while the
-/// program is busy with something else; `None` for other daemons.
+/// program is busy. `None` for other daemons.
 pub(crate) fn keep_awake_every(url: &str) -> Option<Duration> {
     let is_own = LocalDaemon::of_user().is_ok_and(|own| own.url() == url);
     is_own.then(|| Duration::from_secs(idle_s().into()) / ASKED_WHILE_IDLE)

@@ -140,7 +140,7 @@ impl Outbox {
         self.change(|state| state.put(item, self.capacity))
     }
 
-    /// The next item to be sent; `None` when closing, everything is sent, and no answer is due that could
+    /// The next item to be sent. `None` when closing, everything is sent, and no answer is due that could
     /// bring a trial to be given back.
     pub(crate) async fn next(&self) -> Option<OutboxItem> {
         let mut changes = self.state.subscribe();
@@ -243,7 +243,7 @@ impl Outbox {
         self.change_perhaps(|state| (change(state), true))
     }
 
-    /// Changes the state, and wakes those who wait only where the second of what `change` returns says so: a
+    /// Changes the state, and wakes waiting threads only where the second value of `change` says so. A
     /// renderer's frame calls this, and waking a thread is a call of the system.
     fn change_perhaps<T>(&self, change: impl FnOnce(&mut OutboxState) -> (T, bool)) -> T {
         let mut result = None;
@@ -257,8 +257,8 @@ impl Outbox {
 }
 
 impl OutboxState {
-    /// Appends. A full queue first loses abandoned trials, whose leases run out by themselves, and then
-    /// its oldest report: that lease is the likeliest to be gone, and the newest says most of the present.
+    /// Appends. A full queue first loses abandoned trials, whose leases run out by themselves, and then its
+    /// oldest report. That lease is the likeliest to be gone, and the newest says most of the present.
     fn put(&mut self, item: OutboxItem, capacity: usize) -> Lost {
         if self.phase == OutboxPhase::Closed {
             return Lost::of(&item);

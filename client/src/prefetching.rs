@@ -1,4 +1,4 @@
-//! A per-frame loop that never waits: each call hands in the last result, asks for the next frame's
+//! A per-frame loop that never waits. Each call hands in the last result, asks for the next frame's
 //! suggestion, and returns at once with the one that was asked for a frame ago.
 //!
 //! While a frame runs one trial the next is already asked for, so the loop has two workers, whose frames
@@ -19,7 +19,7 @@ use crate::{ClientError, Finished, Indicators, SharedError, Study, Suggestion, c
 /// A per-frame loop of one study whose calls return at once; see [`Study::prefetching_tuner`].
 ///
 /// Its answer was asked for a frame ago and rests on the results of that time. It is a trial only while the
-/// state lasts: when the indicators have moved further than the study's state tolerance, the trial is given
+/// state lasts. When the indicators have moved further than the study's state tolerance, the trial is given
 /// back, and the frame runs its configuration as a fallback. A program that knows the next frame's indicators
 /// early says them ([`PrefetchingTuner::next_before`]), and then loses no frame to a moving camera.
 ///

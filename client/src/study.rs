@@ -12,7 +12,7 @@ use crate::{
     SessionPolicy, StudyRecord, StudySpec, Suggestion, Tuner, checks,
 };
 
-/// A study of a client. Cheap to clone; clones share everything. Threads and tasks may share it, too: each
+/// A study of a client. Cheap to clone; clones share everything. Threads and tasks may share it, too. Each
 /// suggestion that is neither reported nor given back is a trial of its own, run by a worker of the client
 /// ([`crate::Options::client_id`]).
 #[derive(Debug, Clone)]
@@ -70,8 +70,8 @@ impl Study {
     }
 
     /// Sets this process's own policy from now on, in place of the study's. It goes along with every question
-    /// of this study's handles and holds for their answers alone: other clients are not concerned, and when
-    /// the process ends, however it ends, nothing is left behind.
+    /// of this study's handles and holds for their answers alone. Other clients are not concerned. When the
+    /// process ends, however it ends, nothing is left behind.
     ///
     /// Errors: [`ClientError::Invalid`] for a value out of its range.
     pub fn set_session_policy(&self, policy: SessionPolicy) -> Result<(), ClientError> {
@@ -135,8 +135,8 @@ impl Study {
     /// A trial of a configuration of the program's own choice, e.g. to measure a winner once more or to try
     /// one from elsewhere. Its result is learnt like any other; the search goes on as it was.
     ///
-    /// Unlike [`Study::suggest`] there is nothing to fall back on, so a daemon that answers that it cannot
-    /// serve yet, because it is still loading the study, is asked again until the client's deadline. Errors:
+    /// Unlike [`Study::suggest`] there is nothing to fall back on. So a daemon that cannot serve yet, because
+    /// it is still loading the study, is asked again until the client's deadline. Errors:
     /// [`ClientError::Refused`] when the configuration does not fit the study's space, [`ClientError::Away`],
     /// [`ClientError::Late`].
     pub async fn trial_of(

@@ -175,7 +175,7 @@ impl Suggestion {
     }
 
     /// Stop as soon as the objective exceeds this, and report [`Outcome::aborted`] with the value reached by
-    /// then: the service learns from it that the configuration costs at least as much. `None`: never. See
+    /// then. The service learns from it that the configuration costs at least as much. `None`: never. See
     /// [`crate::FrameSet`] for frames that are run several times.
     ///
     /// Where the study's trials have several frames it is the cost of this frame from which on their mean
@@ -196,8 +196,8 @@ impl Suggestion {
         self.fidelity.as_deref()
     }
 
-    /// Whether what the program set up for the suggestion before serves this one: that was measured to its
-    /// end, at this level, with these values of all parameters that need a set-up
+    /// Whether the program's set-up for the suggestion before serves this one. Then that one was measured to
+    /// its end, at this level, with these values of all parameters that need a set-up
     /// ([`crate::Parameter::setup`]). Where it is true only the run is left to do, unless the program's input
     /// has changed. Of a trial of several frames it is true from the second on.
     ///
@@ -237,7 +237,7 @@ impl Suggestion {
     /// Joins the result to the trial, for [`crate::Tuner::next`]. Dropping what this returns reports it, too.
     ///
     /// Where the study's trials have several frames and a frame loop gave the suggestion, this is the result
-    /// of one frame, and dropping what it returns before the last one gives the trial back.
+    /// of one frame. Dropping the returned value before the last frame gives the trial back.
     ///
     /// Errors: [`ClientError::Invalid`] when the service would refuse the result, e.g. a measurement that is
     /// not finite; the trial is then given back. Also in the child of a fork, whose parent was given the

@@ -50,8 +50,8 @@ impl Tuner {
     /// frame with the means of all, or ends early once its mean must be above its bound. Its lease is renewed
     /// meanwhile. Indicators of another state give it up: it is handed back unmeasured.
     ///
-    /// It never fails, like [`Study::suggest`]. When the stream is broken the result goes to the outbox,
-    /// the answer is the fallback, and the stream is opened again as soon as the daemon is back.
+    /// It never fails, like [`Study::suggest`]. When the stream is broken the result goes to the outbox, and
+    /// the answer is the fallback. The stream is opened again as soon as the daemon is back.
     pub async fn next(&mut self, indicators: &Indicators, mut previous: Option<Finished>) -> Suggestion {
         let shared = &self.study.shared;
         if let Some(frame) = Finished::next_frame(&mut previous, &shared.context, indicators) {

@@ -85,8 +85,8 @@ pub struct ParetoFront {
     pub default: Option<FrontPoint>,
     /// Each configuration of the front once, the best of the first metric first.
     pub points: Vec<FrontPoint>,
-    /// The share, 0 to 1, of the box between zero and the reference that the front leaves behind: exact, with
-    /// metrics that are to be large by their reciprocals. `None` without a reference.
+    /// The share, 0 to 1, of the box between zero and the reference that the front leaves behind. It is
+    /// exact. Metrics that are to be large count by their reciprocals. `None` without a reference.
     pub hypervolume: Option<f64>,
     /// All other configurations.
     #[serde(skip)]
@@ -199,9 +199,8 @@ impl Front {
     }
 
     /// The cost of a run in a direction: the metric itself in the first directions, else the exponential of
-    /// the augmented Chebyshev norm beside the best known of each metric, `ideal`. `minimised` is what
-    /// [`Front::values`] returns them. `None` where an ideal point is needed and missing, and for other
-    /// directions.
+    /// the augmented Chebyshev norm beside the best known of each metric, `ideal`. `minimised` comes from
+    /// [`Front::values`]. `None` where an ideal point is needed and missing, and for other directions.
     #[must_use]
     pub fn cost(&self, direction: usize, minimised: &[f64], ideal: Option<&[f64]>) -> Option<f64> {
         if let Some(metric) = minimised.get(direction) {

@@ -103,8 +103,8 @@ impl Gain {
     }
 }
 
-/// In percent with its interval, as in `12.3 % [10.1, 14.6]`; `?` stands for an end of which nothing is
-/// known, and for a gain that is not finite.
+/// In percent with its interval, as in `12.3 % [10.1, 14.6]`. `?` stands for an unknown end, and for a gain
+/// that is not finite.
 impl fmt::Display for Gain {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         // Adding zero makes a negative zero positive.

@@ -18,7 +18,7 @@ use crate::space::{Constraint, Scale, Space};
 pub const STATE_TOLERANCE_DEFAULT: f64 = 0.01;
 
 /// A tuning problem. All but `space`, `policy` and the texts for people (`display_name`, `note`, `tags`) is
-/// fixed: trials measured under one schema and one objective are not comparable with trials measured under
+/// fixed. Trials measured under one schema and one objective are not comparable with trials measured under
 /// another. `P` is [`Policy`] once decided, and [`PolicySettings`] as given by clients.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct StudySpec<P = Policy> {
@@ -335,7 +335,7 @@ impl StudyBuilder {
     }
 
     /// Makes a trial last several frames, 1 to 64, for costs that rise or fall while a configuration is in
-    /// use: its measurements are the means of its frames. Unset: 1.
+    /// use. Its measurements are the means of its frames. Unset: 1.
     #[must_use]
     pub fn episode_frames(mut self, frames: u32) -> Self {
         self.0.objective.episode_frames = frames;

@@ -56,7 +56,7 @@ pub const RESETS_PER_CONNECTION: usize = 32;
 pub const HEADER_BYTES: u32 = 8 << 10;
 
 /// Longest message of an error, in bytes. It travels in a header, where each byte may take three characters,
-/// and once more in its details; many gRPC libraries refuse more than 8 KiB of headers.
+/// and once more in its details. Many gRPC libraries refuse more than 8 KiB of headers.
 pub const MESSAGE_BYTES: usize = 1500;
 
 /// Headers of one request.

@@ -1,8 +1,8 @@
 //! Request middleware: gives each request an id, authenticates it, limits its time, and counts its status.
 //!
 //! The request id comes from the client's `x-request-id` or is made here. It is in the span of all log lines
-//! about the request, and goes back with the answer, so that a line in a renderer's log leads to the lines in
-//! the daemon's.
+//! about the request, and goes back with the answer. So a line in a renderer's log leads to the lines in the
+//! daemon's.
 
 use std::convert::Infallible;
 use std::pin::Pin;

@@ -1,5 +1,5 @@
 //! Values that belong to one process. After a fork the child has a copy of its parent's memory and none of
-//! its threads: a lock that one of them held stays locked, and a question to one gets no answer. So the child
+//! its threads. A lock that one of them held stays locked, and a question to one gets no answer. So the child
 //! neither uses nor cleans up the parent's values.
 
 use std::sync::OnceLock;

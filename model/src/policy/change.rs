@@ -2,8 +2,8 @@
 
 use super::PolicySettings;
 
-/// A change of a stored study's policy: the fields that are `Some` in `set` are replaced, those named in
-/// `clear` go back to the daemon's defaults, the others stay.
+/// A change of a stored study's policy. The fields that are `Some` in `set` are replaced. Those named in
+/// `clear` go back to the daemon's defaults. The others stay.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct PolicyChange {
     /// New values.

@@ -1,8 +1,8 @@
 //! The policy of a study: decided ([`Policy`]), as given by a client ([`PolicySettings`]), and changes to it
 //! ([`PolicyChange`]).
 //!
-//! `table` lists the fields once, `define` makes the structs and their checks from it, `field` holds the
-//! kinds of fields, `registry` lists the searches and predictors, `methods` makes enums of them, `change`
+//! `table` lists the fields once. `define` makes the structs and their checks from it. `field` holds the
+//! kinds of fields. `registry` lists the searches and predictors, and `methods` makes enums of them. `change`
 //! replaces fields.
 
 mod change;

@@ -1,5 +1,5 @@
 //! The one list of a policy's fields. The structs, their checks, the field mask, the command line and the
-//! shown texts follow from it, and so does the wire conversion (`treewright_proto::convert`), which does not
+//! shown texts follow from it. So does the wire conversion (`treewright_proto::convert`), which does not
 //! compile while this list and the proto's `message Policy` differ. Another field is one row here and one in
 //! the proto.
 
@@ -78,7 +78,7 @@ macro_rules! policy_table {
             /// search has ended, 0 to 100; 0 leaves that out.
             ///
             /// They add no configuration, so they do not count among `trials_per_state`. All run in the first
-            /// ten rounds; where the machine is noisy the best one goes on alone, until a gain of 2 % could
+            /// ten rounds. Where the machine is noisy the best one goes on alone, until a gain of 2 % could
             /// be seen. A race ends as soon as one is proven better, or none can gain a noticeable amount any
             /// more.
             confirm_rounds: u32 | u32 = 40, unset "40", in Range::Within(0.0, CONFIRM_ROUNDS_MAX as f64), as "COUNT";

@@ -21,8 +21,8 @@ pub struct EarlierSpace {
     pub space: Space,
     /// The last trial that was handed out before the change.
     pub last_trial: u64,
-    /// Values of parameters that the change added or removed, other than their defaults: those that all
-    /// trials before had of an added one, and those that all trials after have of a removed one.
+    /// Values of parameters that the change added or removed, other than their defaults. An added one has
+    /// that value in all trials before, a removed one in all trials after.
     pub fixed: RawConfiguration,
 }
 

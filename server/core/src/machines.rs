@@ -50,8 +50,8 @@ pub(crate) struct PoolingStatistics {
     /// The logarithm of the factor of its costs over those of the others.
     effect: f64,
     compared: f64,
-    /// The regression of its differences to the default on those of the group and of the fleet: sums of
-    /// products of theirs and its own, and of squares of theirs.
+    /// The regression of its differences to the default on those of the group and of the fleet. It holds sums
+    /// of products of theirs and its own, and of squares of theirs.
     carried: [(f64, f64); 2],
     /// Mean square errors of the group and of the fleet, and their weights.
     misses: [(f64, f64); 2],

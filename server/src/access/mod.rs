@@ -3,10 +3,10 @@
 //! [`token`] is the form of a token, [`rules`] the scope that each RPC needs, [`caller`] an admitted caller
 //! with the rest of the quotas, `rate` the limit of requests a second.
 //!
-//! The copy follows the database: its revision is read ten times a second, so a token that was made, changed
-//! or revoked through any replica counts at once, also on open streams. While the database cannot be read the
-//! copy stays, for [`TOKENS_STALE`](crate::limits::TOKENS_STALE). Then no caller is admitted, because a token
-//! may have been revoked meanwhile.
+//! The copy follows the database, whose revision is read ten times a second. So a token that was made,
+//! changed or revoked through any replica counts at once, also on open streams. While the database cannot be
+//! read the copy stays, for [`TOKENS_STALE`](crate::limits::TOKENS_STALE). Then no caller is admitted,
+//! because a token may have been revoked meanwhile.
 //!
 //! The usage of a token is counted here and added up in the database, which returns the sum of all replicas.
 //! Together they exceed a quota at most by the usage between two such exchanges.

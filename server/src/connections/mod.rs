@@ -1,11 +1,11 @@
 //! Accepts connections up to a limit, encrypts them if configured, and ends those that only wait.
 //!
-//! A connection must make progress: its TLS handshake, the first bytes of HTTP/2 and its first authorised
-//! request each have a time limit, and an idle connection is closed after a while. So a client that opens
-//! many and sends little ("slow loris") cannot hold slots that others need. `activity` keeps that time,
-//! `slots` counts connections and decides who makes room, `unfinished` limits the bytes of unfinished
-//! messages, and `body` counts them. `pages` serves the listeners for browsers and monitoring by these rules,
-//! too. [`middleware`](crate::middleware) has the limits of a request that has begun.
+//! A connection must make progress. Its TLS handshake, the first bytes of HTTP/2 and its first authorised
+//! request each have a time limit. An idle connection is closed after a while. So a client that opens many
+//! and sends little ("slow loris") cannot hold slots that others need. `activity` keeps that time, `slots`
+//! counts connections and decides who makes room, `unfinished` limits the bytes of unfinished messages, and
+//! `body` counts them. `pages` serves the listeners for browsers and monitoring by these rules, too.
+//! [`middleware`](crate::middleware) has the limits of a request that has begun.
 
 mod activity;
 mod authority;

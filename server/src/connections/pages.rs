@@ -1,6 +1,6 @@
 //! Listeners for browsers and monitoring: HTTP/1.1, a few connections, and the newest is always served.
 //!
-//! Where all are taken, one makes room by the [rule](super::slots) of all connections, with one difference: a
+//! Where all are taken, one makes room by the [rule](super::slots) of all connections, with one difference. A
 //! request under way does not protect it, because browsers and monitors ask again by themselves. So neither
 //! silent connections nor ones with endless requests keep an orchestrator from probing the daemon.
 

@@ -1,7 +1,7 @@
 //! The dashboard: studies, tuning curves, trials and reasons as pages for a browser, on a port of their own.
 //!
-//! Pages are made on the server and work without scripts; a small one fetches a page again when an event of
-//! the server says that its study has changed. Everything comes from this port, and the content security
+//! Pages are made on the server and work without scripts. A small script fetches a page again when an event
+//! of the server says that its study has changed. Everything comes from this port, and the content security
 //! policy allows nothing else. Pages ask through the handlers of the RPCs, with the caller of the token that
 //! the browser shows, and the database answers readers beside the writer. Only forms of [`steering`] change a
 //! study. The data behind a page has limits, so that a study of many trials opens as fast as one of few.

@@ -188,7 +188,7 @@ impl Peers {
     }
 
     /// Passes one frame of a Tune stream on. `metadata` is the stream's own. The inner error is the replica's
-    /// answer to the whole stream, such as the end of the token; the outer one means that the replica did not
+    /// answer to the whole stream, such as the end of the token. The outer one means that the replica did not
     /// answer.
     pub(crate) async fn frame(
         &self,

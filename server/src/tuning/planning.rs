@@ -4,7 +4,7 @@
 //! Under the study's lock a question is answered from tables, or it gives a plan request: copies of the
 //! inputs of a computation. At most one for each processor runs at once, and one at a time plans for the
 //! search of a state. A question without a permit gets a point from the reserve, or an answer from the
-//! tables: a good configuration now is worth more than a better one later.
+//! tables. A good configuration now is worth more than a better one later.
 
 use std::sync::Arc;
 

@@ -273,8 +273,8 @@ impl Live {
         })
     }
 
-    /// The best configuration of a state as a client with a revision of the space can run it, and whether it
-    /// is that: else the cheapest measured one that the client knows takes its place.
+    /// The best configuration of a state as a client with a revision of the space can run it. The second
+    /// value is false where the cheapest measured one that the client knows takes its place.
     pub(super) fn best_in_revision(&self, revision: u32, best: Best) -> Result<(Best, bool), TunerError> {
         let Some(revision) = self.outdated(revision) else {
             return Ok((best, true));

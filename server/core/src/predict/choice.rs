@@ -244,7 +244,7 @@ impl Predictors {
         Some((Answer { expected, ..answer }, method))
     }
 
-    /// The first point to explore in a state without measurements, and its predictor; `None` when the method
+    /// The first point to explore in a state without measurements, and its predictor. `None` when the method
     /// proposes nothing, or its model is not to be trusted yet.
     pub fn propose(
         &self,

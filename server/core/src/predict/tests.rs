@@ -160,8 +160,8 @@ fn without_a_trial_there_is_no_answer() {
     }
 }
 
-/// A second implementation of the paper's section 6.1, slow and plain: of the states in which anything was
-/// measured the nearest by Euclidean distance, and of its trials the cheapest.
+/// A second implementation of the paper's section 6.1, slow and plain. It takes the nearest of the measured
+/// states by Euclidean distance, and of its trials the cheapest.
 #[test]
 fn the_nearest_neighbour_is_what_a_plain_walk_finds() {
     let mut world = World::new(3, 3);

@@ -1,4 +1,4 @@
-//! The tried configurations of a state that its table forgot, in a space of few configurations: they stay
+//! The tried configurations of a state that its table forgot, in a space of few configurations. They stay
 //! tried, and are not counted once more when they are met again.
 
 use std::collections::BTreeMap;

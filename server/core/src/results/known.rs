@@ -29,9 +29,9 @@ pub struct KnownState {
 }
 
 impl Record {
-    /// The cost of a measured configuration that other states hear of. What was measured once counts not at
-    /// all below the range in which its table [believes](ResultTable::reach) that, and above it as its end:
-    /// what is dear is not measured again.
+    /// The cost of a measured configuration that other states hear of. A single measurement counts not at all
+    /// below the range in which its table [believes](ResultTable::reach) it. Above that range it counts as
+    /// its end, because dear configurations are not measured again.
     pub(crate) fn told_cost(&self, reach: Option<(f64, f64)>) -> Option<f64> {
         match reach {
             Some((low, high)) if self.measurements == 1 => {
@@ -43,7 +43,7 @@ impl Record {
 }
 
 impl ResultTable {
-    /// Notes the standard error of the cost of the trial that was learnt last, as a share of that cost; 0
+    /// Notes the standard error of the cost of the trial that was learnt last, as a share of that cost. 0
     /// where it is not known.
     pub(crate) fn note_error(&mut self, trial: &Trial, error: f64) {
         let is_measured = trial.outcome == Some(Outcome::Ok) && trial.cost.is_some();

@@ -1,9 +1,9 @@
 //! Latin hypercube designs, and a search that measures one after the other.
 //!
-//! Source: McKay, Beckman and Conover, "A comparison of three methods for selecting values of input
-//! variables in the analysis of output from a computer code", Technometrics 21(2), 1979. Each axis is cut
-//! into as many strata as there are points; each stratum of each axis holds exactly one point, at a random
-//! place inside it.
+//! Source: McKay, Beckman and Conover, "A comparison of three methods for selecting values of input variables
+//! in the analysis of output from a computer code", Technometrics 21(2), 1979. Each axis is cut into as many
+//! strata as there are points. Each stratum of each axis holds exactly one point, at a random place inside
+//! it.
 
 use rand::seq::SliceRandom;
 use rand::{Rng, RngExt};

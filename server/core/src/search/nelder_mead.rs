@@ -182,7 +182,7 @@ impl NelderMead {
     }
 
     /// Chang's adaptive random search. Local steps change some coordinates of the best vertex within a radius
-    /// that follows success; global steps are uniform over the cube and keep every point reachable.
+    /// that follows success. Global steps are uniform over the cube and keep every point reachable.
     fn random_point(&mut self) -> Vec<f64> {
         let mut random = self.random();
         let dimension = self.setup.dimension();

@@ -30,7 +30,7 @@ pub fn student_cdf(t: f64, freedom: f64) -> f64 {
 }
 
 /// The expected excess over `t` of a variable of Student's distribution with `freedom` degrees of freedom,
-/// more than 1, counted as 0 below `t`: the integral of its upper tail, in closed form.
+/// more than 1, counted as 0 below `t`. It is the integral of its upper tail, in closed form.
 pub fn student_excess(t: f64, freedom: f64) -> f64 {
     assert!(freedom > 1.0, "{freedom} degrees of freedom");
     if !t.is_finite() {

@@ -59,7 +59,7 @@ struct Drift {
 /// The smooth and the rough. The value of the roughness matters little: shares of a tenth or a half give
 /// equal results. Rough models have no small ratios, because differences as small as the noise do not stand
 /// out, and they have fewer lengths. With a higher prior probability they would believe more luck on flat or
-/// smooth landscapes; on rough ones even a small prior is soon overruled.
+/// smooth landscapes. On rough ones even a small prior is soon overruled.
 const FAMILIES: [Family; 2] = [
     Family {
         probability: 0.72,

@@ -1,7 +1,7 @@
 //! The few configurations that together serve all known states best.
 //!
-//! It minimises the mean over states of the best member's cost there, relative to the state's own best: the
-//! price of having the portfolio in place of a search. Its reduction is a submodular function of the set. So
+//! It minimises the mean over states of the best member's cost there, relative to the state's own best. This
+//! is the price of the portfolio in place of a search. Its reduction is a submodular function of the set. So
 //! adding the most helpful member, one after the other, reaches at least 63 % of the reduction by the best
 //! portfolio of that size (Nemhauser, Wolsey and Fisher, "An analysis of approximations for maximizing
 //! submodular set functions", Mathematical Programming 14, 1978). Portfolios from configurations of other
@@ -161,10 +161,10 @@ impl CostTable {
         (0..count).map(mean).collect()
     }
 
-    /// The members of a portfolio, at most `members`: places of configurations, the best fixed one first,
-    /// then each time the most helpful one: those known in many states, then `always`, then the others.
-    /// `always` are members even if they do not help, and count towards the number. Empty where nothing was
-    /// measured.
+    /// The members of a portfolio, at most `members`, as places of configurations. The best fixed one is
+    /// first, then each time the most helpful one: those known in many states, then `always`, then the
+    /// others. `always` are members even if they do not help, and count towards the number. Empty where
+    /// nothing was measured.
     pub fn portfolio(&self, members: usize, always: &[usize]) -> Vec<usize> {
         let all: Vec<usize> = (0..self.rows.first().map_or(0, Vec::len)).collect();
         self.portfolio_among(&all, members, always)
@@ -306,8 +306,8 @@ impl Fit {
         (0..self.effects.len()).map(effect).collect()
     }
 
-    /// The variance of a state's part in an effect, by the well-known configurations beside the anchor: the
-    /// median of the squared residuals around each one's mean, less the noise.
+    /// The variance of a state's part in an effect, by the well-known configurations beside the anchor. It is
+    /// the median of the squared residuals around each one's mean, less the noise.
     fn interaction_of(&self, rows: &[&[CostEntry]], well_known: &[usize], anchor: usize) -> f64 {
         let mut squares = Vec::new();
         for &place in well_known.iter().filter(|&&place| place != anchor) {

@@ -194,7 +194,7 @@ impl Tuner {
     }
 
     /// Hands out a trial of a configuration that the client wants to measure, as if the policy pinned it for
-    /// this one question: the client's visit and the state's search stay as they are.
+    /// this one question. The client's visit and the state's search stay as they are.
     pub fn suggest_wanted(
         &mut self,
         ask: &Ask,
@@ -314,9 +314,9 @@ impl Tuner {
     }
 
     /// Ends every lease that has run out by `now_ms`: the trial is expired and its search point goes back. A
-    /// configuration that loses its [last](crate::limits::LEASES_LOST_MAX) lease in the state without ever
-    /// having been measured there is completed as infeasible, unless the lease is
-    /// [pardoned](Tuner::pardon_leases) or its client never showed that it lives.
+    /// configuration that loses its [last](crate::limits::LEASES_LOST_MAX) lease in the state, and was never
+    /// measured there, is completed as infeasible. This does not hold for a lease that is
+    /// [pardoned](Tuner::pardon_leases), or whose client never showed that it lives.
     pub fn expire(&mut self, now_ms: i64) -> Change {
         let mut change = Change::default();
         let mut states = BTreeSet::new();
@@ -430,7 +430,7 @@ impl Tuner {
     /// Replaces the policy. It takes effect with the next suggestion; trials that are out stay as they are.
     ///
     /// Only the models that the policy's predictor needs are kept. Where the new predictor needs others, they
-    /// begin with the completed trials of now: they are taught the latest
+    /// begin with the completed trials of now. They are taught the latest
     /// [`MODELS_TRIALS_MAX`](crate::limits::MODELS_TRIALS_MAX) of them, with the tables as they stand, and
     /// all that follow. The tuner does not have these trials any more, so the answer `true` asks the caller
     /// to store the policy with [`Tuner::models_since`], to drop this tuner, and to [restore](Restoring) it.

@@ -328,8 +328,8 @@ impl States {
         latest
     }
 
-    /// Takes over earlier knowledge: tables of the first states in their order, completed with the space; the
-    /// comparisons of the first machines; and the reach of indicators.
+    /// Takes over earlier knowledge: tables of the first states in their order, completed with the space, the
+    /// comparisons of the first machines, and the reach of indicators.
     pub(super) fn take_over(
         &mut self,
         tables: Vec<Arc<ResultTable>>,

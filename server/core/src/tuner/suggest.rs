@@ -189,8 +189,8 @@ impl Tuner {
         levels.map(|level| level.cost).collect()
     }
 
-    /// The name of the cheaper level at which the point of the state's search is to be measured that a trial
-    /// carries; `None` for in full.
+    /// The name of the cheaper level at which a trial measures the point of the state's search. `None` for in
+    /// full.
     fn cheaper_level(&self, ask: &Ask, number: TrialNumber, state: StateId) -> Option<String> {
         let own = self.searches.of(state)?;
         let level = own.search.as_ref()?.level_of(*own.open.get(&number.0)?)?;

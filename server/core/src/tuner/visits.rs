@@ -1,9 +1,9 @@
 //! Each client's state, the decision that was taken when it came there, and the rest of its budget for
 //! exploring.
 //!
-//! Invariant: a client has one visit at a time, and its account, if the policy keeps one, goes with it from
-//! visit to visit for as long as the client's session lasts. Where there are more clients than a study
-//! remembers, the one with the oldest last decision is forgotten, and is new if it comes back.
+//! Invariant: a client has one visit at a time. Its account, if the policy keeps one, goes with it from visit
+//! to visit for as long as the client's session lasts. Where there are more clients than a study remembers,
+//! the one with the oldest last decision is forgotten, and is new if it comes back.
 
 use std::collections::{BTreeMap, BTreeSet};
 

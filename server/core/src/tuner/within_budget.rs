@@ -120,9 +120,9 @@ impl Tuner {
     }
 }
 
-/// The cost beside which exploring trials are too dear: the best known, unless that is a single measurement
-/// so far below the next that it was perhaps read wrongly. By that every trial would be stopped at once, and
-/// the one that measures it again, too.
+/// The cost beside which exploring trials are too dear. It is the best known, unless that is a single
+/// measurement so far below the next that it was perhaps read wrongly. By that every trial would be stopped
+/// at once, and the one that measures it again, too.
 fn reference(results: &ResultTable) -> Option<f64> {
     let mut ranked = results.ranked();
     let (best, next) = (ranked.next()?, ranked.next());

@@ -29,8 +29,8 @@ pub(super) const STATES: i64 = 24;
 /// A study's row in the list of studies, beside its counts.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct StudySummary {
-    /// The gain of the answers over the default in the study's view, the mean over the states; `None` where
-    /// the default was measured in none.
+    /// The gain of the answers over the default in the study's view, as the mean over the states. `None`
+    /// where the default was measured in none.
     pub(super) gain: Option<Gain>,
     /// The reference of the gain, and how sure it is.
     pub(super) gain_note: String,

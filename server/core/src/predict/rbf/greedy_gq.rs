@@ -225,7 +225,7 @@ mod tests {
         assert_eq!(model, untouched);
     }
 
-    /// A plain step diverges beyond `2 / |phi|²`; with a hundred indicators and parameters all features are
+    /// A plain step diverges beyond `2 / |phi|²`. With a hundred indicators and parameters all features are
     /// near one another, and with few they sum to dozens.
     #[test]
     fn no_step_diverges_whatever_the_features_sum_to() {

@@ -121,8 +121,8 @@ pub(super) fn places(setup: &SearchSetup, random: &mut ChaCha8Rng) -> VecDeque<V
     points.into()
 }
 
-/// Steps from the best so far: to the middle, unless the default is about there, then one along each axis in
-/// a random order, as far as a quarter of the budget goes.
+/// Steps from the best so far. The first goes to the middle, unless the default is about there. Then one goes
+/// along each axis in a random order, as far as a quarter of the budget lasts.
 pub(super) fn steps(setup: &SearchSetup, random: &mut ChaCha8Rng) -> VecDeque<Vec<f64>> {
     let dimension = setup.dimension();
     let to_middle: Vec<f64> = setup.start.iter().map(|x| 0.5 - x).collect();

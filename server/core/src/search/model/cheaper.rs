@@ -1,7 +1,7 @@
 //! Cheaper levels as an input of the models.
 //!
 //! A cost at a cheaper level is an observation of the process of full costs, some way apart from full
-//! measurements: each level is a feature, and its weight is learnt like a length. So the covariance of a
+//! measurements. Each level is a feature, and its weight is learnt like a length. So the covariance of a
 //! level with full measurements is a factor between 0 and 1, which falls where the two disagree. A level has
 //! an offset of its own in the logarithm of the cost, from the configurations that ran at both, corrected by
 //! generalised least squares in the fit. Its measurements count for less than full ones.

@@ -63,8 +63,8 @@ impl ModelSearch {
         fit.map(|(process, _)| process)
     }
 
-    /// Forgets the runs of other states where they do not hold here: two configurations or more, and a third
-    /// of those that were tried in both, had another result.
+    /// Forgets the runs of other states where they do not hold here. Then two configurations or more, and a
+    /// third of those that were tried in both, had another result.
     pub(super) fn test_elsewhere(&mut self) {
         let of_both = self.runs_elsewhere.iter().filter_map(|run| {
             let seen = self.seen.iter().find(|seen| seen.x == run.x)?;

@@ -1,5 +1,5 @@
 //! Set-ups that are kept. Where changes of some parameters need a build and those of others only a run,
-//! points that keep the build cost little: after each new one some are chosen along the other axes alone.
+//! points that keep the build cost little. After each new one some are chosen along the other axes alone.
 
 use super::{GRID, MeasuredPoint, ModelSearch, Observed, coordinates};
 

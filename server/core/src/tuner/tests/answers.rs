@@ -217,7 +217,7 @@ fn what_is_predicted_while_a_study_is_tuned_can_nearly_always_be_run() {
     println!("predicted, and of these failed: {predicted:?}; taken over: {taken_over:?}");
     let (count, failed) = predicted;
     // The goal is one in a hundred. Where it sufficed that a prediction ran in one near state, 15 of 291
-    // failed, and 86 of 473 where a sure model of feasibility did: limits are sharper than it believes.
+    // failed. Where a sure model of feasibility sufficed, 86 of 473 did: limits are sharper than it believes.
     // Asked to have run on both sides, 9 are left, and the best measured answers in place of the others.
     assert!(count > 4 && failed == 0, "{failed} of {count} predictions failed");
     assert_eq!(taken_over.1, 0, "what runs in other states runs here");

@@ -89,8 +89,8 @@ fn a_drifting_client_keeps_its_state_while_the_anchor_matches() {
         .iter()
         .map(|&x| suggest(&mut tuner, "a", x, 0.5).state_id)
         .collect();
-    // 0.56 leaves the first anchor (0.50) and founds the second; on the way back the second is kept until
-    // it no longer matches, and then the first is kept.
+    // 0.56 leaves the first anchor (0.50) and founds the second. On the way back the second is kept until it
+    // no longer matches. Then the first is kept.
     assert_eq!(states, [1, 1, 1, 2, 2, 2, 1, 1]);
     assert_eq!(suggest(&mut tuner, "b", 0.535, 0.5).state_id, 2, "a newcomer gets the nearest");
 }
