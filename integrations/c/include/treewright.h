@@ -223,8 +223,8 @@ bool tw_client_extend_lease(const tw_client *client, tw_suggestion *suggestion, 
 /* ---- a study ---------------------------------------------------------------------------------------------------- */
 
 void tw_study_free(tw_study *study);
-/* The next configuration for these indicators, within the deadline. Fails only for arguments that are none (TW_INVALID); what else
- * went wrong is reported by tw_suggestion_problem. */
+/* The next configuration for these indicators, within the deadline. Fails only for arguments that are none (TW_INVALID).
+ * tw_suggestion_problem says what else went wrong. */
 tw_suggestion *tw_study_suggest(const tw_study *study, const tw_number *indicators, size_t count, tw_error **error);
 /* A trial of the caller's own configuration, as JSON. Fails: TW_INVALID, TW_REFUSED, TW_AWAY, TW_LATE. */
 tw_suggestion *tw_study_trial_of(const tw_study *study, const tw_number *indicators, size_t count,

@@ -166,8 +166,8 @@ export interface Best {
 export class Study {
   readonly name: string;
   /**
-   * The next configuration to run. Rejects only for wrong indicators; without the daemon it is the last good configuration, or the default, and
-   * `problem` says why. Each suggestion that is neither reported nor given back is a trial of its own, for every caller.
+   * The next configuration to run. Rejects only for wrong indicators. Without the daemon it is the last good configuration, or the
+   * default, and `problem` says why. Each suggestion that is neither reported nor given back is a trial of its own, for every caller.
    */
   suggest(indicators?: Numbers): Promise<Suggestion>;
   /** A frame loop. */
