@@ -425,7 +425,6 @@ pub(super) mod testing {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::noise::FrameNoise;
     use crate::space::{Narrowing, Premises, Preset};
     use crate::tuning::apart::testing::after;
     use crate::tuning::verdict::baseline;

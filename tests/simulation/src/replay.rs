@@ -22,7 +22,7 @@ async fn answers(tuning: &Tuning, places: u32) -> Vec<Option<Prediction>> {
     let mut answers = Vec::new();
     for place in 0..places {
         let indicators = BTreeMap::from([("place".to_owned(), f64::from(place) / f64::from(places))]);
-        answers.push(tuning.predict(&"world".into(), &indicators, None, 0).await.ok());
+        answers.push(tuning.predict(&"world".into(), &indicators, None, None, 0).await.ok());
     }
     answers
 }
