@@ -77,7 +77,7 @@ pub struct Standing {
     /// The contender.
     #[serde(rename = "name")]
     pub who: Who,
-    /// The variant in which native Embree used well was the fastest.
+    /// The way to use native Embree that was the fastest, e.g. `high` or `medium path by path`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub variant: Option<NativeUse>,
     /// Build times.

@@ -117,6 +117,30 @@ pub fn quantile(sorted: &[f64], share: f64) -> f64 {
     sorted[low] + (sorted[high] - sorted[low]) * (place - low as f64)
 }
 
+/// Who of several is the fastest in shared rounds, as places in `rounds_ms`: the one to take in even rounds,
+/// and the one to take in odd rounds. Each is chosen by its median in the rounds of the other half, so no
+/// round has a say in who stands for the fastest there. The least of several medians would be too low,
+/// because luck in these rounds is chosen with it. Luck that lasts for all rounds is not left out. `None` for
+/// none; all need rounds.
+pub fn fastest_of_other_half(rounds_ms: &[&[f64]]) -> Option<[usize; 2]> {
+    let fastest_in = |first: usize| {
+        let median = |one: &[f64]| {
+            let half: Vec<f64> = one.iter().skip(first).step_by(2).copied().collect();
+            // A single round is in no other half.
+            Summary::of(if half.is_empty() { one } else { &half }).median
+        };
+        let medians = rounds_ms.iter().map(|one| median(one)).enumerate();
+        medians.min_by(|(_, a), (_, b)| a.total_cmp(b)).map(|(place, _)| place)
+    };
+    Some([fastest_in(1)?, fastest_in(0)?])
+}
+
+/// The even rounds of one, and the odd rounds of another.
+pub fn alternating(even_ms: &[f64], odd_ms: &[f64]) -> Vec<f64> {
+    let pairs = even_ms.iter().zip(odd_ms).enumerate();
+    pairs.map(|(round, (even, odd))| if round.is_multiple_of(2) { *even } else { *odd }).collect()
+}
+
 /// When tuning has paid off: after how many frames the total time, tuning included, falls below that of
 /// never having tuned (compare the paper's Figure 14).
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -189,6 +213,38 @@ mod tests {
         assert!(!Ratio::of(&[2.0; 5], &[1.0; 5]).is_gain(), "five pairs show nothing");
         assert_eq!(ratio.to_string(), "5.00 × [2.00, 8.00]");
         assert_eq!(Ratio::of(&[], &[]).count, 0);
+    }
+
+    #[test]
+    fn the_fastest_of_equals_is_not_favoured_by_its_luck() {
+        let mut state = 1_u64;
+        let mut round_ms = || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            1.0 + 0.2 * (state >> 40) as f64 / (1_u64 << 24) as f64
+        };
+        let (mut least, mut fair) = (0.0, 0.0);
+        for _ in 0..2000 {
+            let mut one = || (0..9).map(|_| round_ms()).collect::<Vec<f64>>();
+            let (all, other) = ([one(), one(), one(), one()], one());
+            let rounds = all.each_ref().map(Vec::as_slice);
+            let [even, odd] = fastest_of_other_half(&rounds).expect("there are four");
+            let over_other = |ms: &[f64]| Ratio::of(ms, &other).median.ln() / 2000.0;
+            fair += over_other(&alternating(rounds[even], rounds[odd]));
+            let medians = rounds.map(|ms| Summary::of(ms).median);
+            let place = (0..4).min_by(|a, b| medians[*a].total_cmp(&medians[*b])).expect("there are four");
+            least += over_other(rounds[place]);
+        }
+        assert!(least < -0.015, "the least median seems {least} faster than its equal");
+        assert!(fair.abs() < 0.004, "{fair}");
+    }
+
+    #[test]
+    fn who_is_really_faster_is_taken_in_all_rounds() {
+        let [slow, fast] = [[3.0, 5.0, 4.0], [2.0, 2.5, 2.2]];
+        assert_eq!(fastest_of_other_half(&[&slow, &fast]), Some([1, 1]));
+        assert_eq!(fastest_of_other_half(&[&[3.0], &[2.0]]), Some([1, 1]), "a single round");
+        assert_eq!(fastest_of_other_half(&[]), None);
+        assert_eq!(alternating(&slow, &fast), [3.0, 2.5, 4.0]);
     }
 
     const CASE: BreakEven = BreakEven {

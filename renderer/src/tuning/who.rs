@@ -24,7 +24,7 @@ pub enum Who {
     Native(NativeQuality),
     /// A variant of Embree's own structure with our stages and packets.
     UsedWellIn(NativeUse),
-    /// That one of these variants that was the fastest.
+    /// The fastest of these variants and of Embree's default, path by path.
     UsedWell,
     /// The configuration that is recommended for all scenes, the best known by hand, where a search in the
     /// full space begins.
@@ -55,6 +55,17 @@ impl Who {
     /// Whether only those have it who know the recommended configuration or how to use native Embree well.
     pub fn takes_knowledge(&self) -> bool {
         matches!(self, Self::BestFixed | Self::ForStills | Self::UsedWell | Self::UsedWellIn(_))
+    }
+
+    /// As a way to use Embree's own structure that may be the best one; `None` for everybody else.
+    pub fn native_use(&self) -> Option<NativeUse> {
+        match *self {
+            Self::UsedWellIn(variant) => Some(variant),
+            Self::Native(quality @ NativeQuality::Medium) => {
+                Some(NativeUse { quality, fitted: false, by_path: true })
+            }
+            _ => None,
+        }
     }
 }
 
@@ -96,7 +107,8 @@ impl<'de> Deserialize<'de> for Who {
         use Who::*;
         let text = String::deserialize(deserializer)?;
         let uses = NativeQuality::ALL.into_iter().flat_map(|quality| {
-            let [plain, fitted] = [false, true].map(|fitted| UsedWellIn(NativeUse { quality, fitted }));
+            let use_of = |fitted| UsedWellIn(NativeUse { quality, fitted, by_path: false });
+            let [plain, fitted] = [false, true].map(use_of);
             [Native(quality), plain, fitted]
         });
         let fixed = [Nobody, PaperDefault, UsedWell, BestFixed, ForStills];
@@ -115,11 +127,15 @@ pub struct NativeUse {
     pub quality: NativeQuality,
     /// Whether it is fitted to a scene that moves, and not built for each of its frames.
     pub fitted: bool,
+    /// Whether it is used as Embree's default is: path by path, without our stages and packets.
+    pub by_path: bool,
 }
 
 impl fmt::Display for NativeUse {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}{}", self.quality.name(), if self.fitted { " fitted" } else { "" })
+        let fitted = if self.fitted { " fitted" } else { "" };
+        let by_path = if self.by_path { " path by path" } else { "" };
+        write!(f, "{}{fitted}{by_path}", self.quality.name())
     }
 }
 
@@ -135,7 +151,7 @@ mod tests {
 
     #[test]
     fn names_are_read_as_those_whom_they_name() {
-        let fitted = NativeUse { quality: NativeQuality::Medium, fitted: true };
+        let fitted = NativeUse { quality: NativeQuality::Medium, fitted: true, by_path: false };
         for (who, name) in [
             (Who::PaperDefault, "paper default"),
             (NATIVE_DEFAULT, "native Embree default"),
@@ -150,6 +166,10 @@ mod tests {
             assert_eq!(written, format!("\"{name}\""));
             assert_eq!(serde_json::from_str::<Who>(&written).expect("it is one"), who);
         }
+        let by_path = NATIVE_DEFAULT.native_use().expect("it is a use");
+        assert_eq!(by_path.to_string(), "medium path by path");
+        assert_eq!(Who::UsedWellIn(fitted).native_use(), Some(fitted));
+        assert_eq!(Who::Native(NativeQuality::Low).native_use(), None);
         assert_eq!(Who::AfterTrials(8).to_string(), "answer after 8 trials");
         assert_eq!(Who::BestFixedFor(Objective::Total).to_string(), "best fixed configuration (total)");
     }

@@ -163,7 +163,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
 /// The objectives for which frames of one run of rounds are shown.
 const OBJECTIVES: [Objective; 2] = [Objective::Render, Objective::Total];
 
-/// The standings for an objective: of native Embree used well the quality that is best there, and of the two
+/// The standings for an objective: of native Embree used well the way that is best there, and of the two
 /// best fixed configurations its own as the one.
 fn ranked(measured: &[Measured], objective: Objective) -> Vec<Standing> {
     let mut standings = keep_best_native(standings(measured, objective.frames_per_build()));
@@ -177,7 +177,7 @@ fn ranked(measured: &[Measured], objective: Objective) -> Vec<Standing> {
 
 /// Keeps those that are asked for, in the order in which they stand.
 fn select(contenders: &mut Vec<Contender>, only: &[String]) -> Result<(), CliError> {
-    // Of native used well there are several qualities, of the best fixed one several objectives.
+    // Of native used well there are several ways, of the best fixed one several objectives.
     let is_meant = |one: &Contender, name: &str| {
         one.who.to_string().strip_prefix(name).is_some_and(|rest| rest.is_empty() || rest.starts_with(' '))
     };

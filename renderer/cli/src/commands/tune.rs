@@ -421,7 +421,10 @@ impl Judge<'_> {
         let answer =
             self.study.predict(&self.workload.state(&SceneIndicators::of(scene).with_camera(&camera)))?;
         let answer_ms = milliseconds(begin);
-        let asked = |rival: &&Rival| matches!(rival.contender.who, Who::UsedWellIn(_) | Who::BestFixed);
+        let asked = |rival: &&Rival| {
+            let who = &rival.contender.who;
+            *who != baseline.who && (who.native_use().is_some() || *who == Who::BestFixed)
+        };
         let mut contenders = vec![baseline.clone()];
         contenders.extend(rivals.iter().filter(asked).map(|rival| rival.contender.clone()));
         contenders.push(verdict::contender(Who::Predicted, self.space, &answer.configuration)?);
