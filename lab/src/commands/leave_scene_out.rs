@@ -11,10 +11,10 @@ use treewright_render_cli::interrupt::Interrupt;
 use treewright_render_cli::output;
 use treewright_render_cli::server::machine;
 use treewright_renderer::limits::ROUNDS_MAX;
-use treewright_renderer::statistics::Summary;
+use treewright_renderer::statistics::{Ratio, Summary};
 use treewright_renderer::tuning::objective::Objective;
 use treewright_renderer::tuning::safety::{DEAR_ABOVE, Safety};
-use treewright_renderer::tuning::who::Who;
+use treewright_renderer::tuning::who::NATIVE_DEFAULT;
 
 use super::evaluate_setup::{SceneArguments, with_versions};
 use crate::leave_scene_out::book::{Book, OpenBook, RecordedRounds, SceneFacts};
@@ -145,8 +145,10 @@ fn first_answers(book: &Book, context: Context) -> Result<(), CliError> {
             let own = cost(&answer.configuration);
             let fixed = judge::fixed_of_others(book, objective, scene, &context.to_string());
             let fixed = fixed.and_then(|fixed| cost(&fixed.configuration));
-            let uses = rounds.contenders.iter().filter(|one| matches!(one.who, Who::UsedWellIn(_)));
-            let used_well = uses.filter_map(|one| cost(one.configuration.as_ref()?)).reduce(f64::min);
+            let used_well = judge::used_well(rounds, objective.frames_per_build());
+            let native = rounds.find(&NATIVE_DEFAULT).map(|one| one.frame_ms(objective.frames_per_build()));
+            let pair = used_well.zip(native);
+            let used_well = pair.map(|((_, well_ms), native_ms)| Ratio::of(&well_ms, &native_ms).median);
             let over = |other: Option<f64>| match (own, other) {
                 (Some(own), Some(other)) => format!("{:.3}", other / own),
                 _ => "not measured".to_owned(),
