@@ -40,7 +40,8 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "NAME=SPACE:FILE")]
     contender: Vec<NamedConfiguration>,
 
-    /// Measure only these, e.g. "native Embree default,native used well,tuned". Default: all.
+    /// Measure only these, e.g. "native Embree default,native used well,tuned". Native used well counts the
+    /// default only where that runs, too. Default: all.
     #[arg(long, value_name = "NAME,…", value_delimiter = ',')]
     only: Vec<String>,
 
