@@ -7,15 +7,19 @@ use super::View;
 use super::lens::Lens;
 use super::morton::decode_2;
 use super::needs::Needs;
+use super::places;
 use super::prepared::Prepared;
 use super::random::PathRandom;
 use super::roulette::Roulette;
 use super::vertex::{Kernel, Path, Shadow, Tracing};
 use crate::film::{Film, Tile};
-use crate::limits::FIRST_SHADOW_RAYS_MAX;
+use crate::limits::{BOUNCES_MAX, FIRST_SHADOW_RAYS_MAX, SOLID_WAYS_MAX};
 
 /// Vertices that stand for further shadow rays of a first hit, beyond those of the longest path.
 const FURTHER: u16 = 1 << 15;
+
+const _: () =
+    assert!((BOUNCES_MAX + 1) * (SOLID_WAYS_MAX + 2) < FURTHER as u32, "they share no random number");
 
 /// The data that all tiles of a frame share.
 pub(super) struct Frame<'a> {
@@ -60,7 +64,7 @@ impl<'a> Frame<'a> {
             return None;
         }
         let random = PathRandom::new(self.seed, y * self.width + x, self.sample);
-        let ray = self.lens.ray(x, y, random.pair(0));
+        let ray = self.lens.ray(x, y, random.pair(places::CAMERA));
         Some((Path::new(pixel, random, ray.origin), ray))
     }
 

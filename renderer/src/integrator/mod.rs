@@ -24,6 +24,7 @@ mod multiple;
 mod needs;
 mod path;
 mod pilot;
+mod places;
 mod prepared;
 mod punctual;
 pub mod random;

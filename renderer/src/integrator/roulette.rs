@@ -1,13 +1,11 @@
 //! Rays that bring little, traced with a lower probability for more: an equal expectation for fewer rays
 //! (Arvo and Kirk, Particle Transport and Image Synthesis, SIGGRAPH 1990).
 
+use super::places;
 use super::random::PathRandom;
 use super::sampling::luminance;
 use super::vertex::{Path, Shadow};
 use crate::light_sampling::LightSampling;
-
-/// Random numbers of the decisions, away from those of the vertices and of the ways through solids.
-const PLACE: u32 = 1 << 25;
 
 /// The thresholds of a frame.
 #[derive(Clone, Copy, Debug)]
@@ -35,7 +33,7 @@ impl Roulette {
             return true;
         }
         let probability = light / self.shadow;
-        let stays = random.pair(PLACE + u32::from(vertex))[0] < probability;
+        let stays = random.pair(places::of_roulette(vertex))[0] < probability;
         if stays {
             shadow.light *= 1.0 / probability;
         }
@@ -50,7 +48,7 @@ impl Roulette {
             return true;
         }
         let probability = most / self.path;
-        let stays = path.random.pair(PLACE + u32::from(vertex))[1] < probability;
+        let stays = path.random.pair(places::of_roulette(vertex))[1] < probability;
         if stays {
             path.throughput *= 1.0 / probability;
         }

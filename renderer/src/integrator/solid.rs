@@ -15,14 +15,12 @@ use glam::Vec3;
 use treewright_accel::Ray;
 
 use super::bsdf::{MIRROR_ROUGHNESS, masking, visible_normal};
+use super::places;
 use super::prepared::Shading;
 use super::sampling::Basis;
 use super::surface::WorldFacet;
 use super::vertex::{Context, END, Next, Path, Shadow};
 use crate::limits::SOLID_WAYS_MAX;
-
-/// Where the random numbers lie that choose between ways: beyond those that other surfaces take.
-const OWN_PLACES: u32 = 1 << 24;
 
 /// Share of unpolarised light that a smooth surface reflects (Fresnel), and the cosine on the other side.
 /// `eta` is the index of refraction on the side light comes from over that on the other; nothing passes in
@@ -57,7 +55,7 @@ impl Context<'_> {
             let way = self.surface.position.distance(ray.origin);
             path.throughput *= (volume.absorption * -way).map(f32::exp);
         }
-        let [choice, way] = path.random.pair(self.place + OWN_PLACES);
+        let [choice, way] = path.random.pair(places::of_solid(self.place));
         let share = material.transmission * (1.0 - material.metallic);
         if enters && choice >= share {
             return self.layered::<NEEDS, false>(&shading.bsdf, path, ray, shadow);

@@ -14,6 +14,7 @@ use treewright_accel::{Hit, Ray};
 use super::bsdf::Scatter;
 use super::lamp::solid_angle_pdf;
 use super::needs::Needs;
+use super::places;
 use super::prepared::Prepared;
 use super::random::PathRandom;
 use super::sampling::{Basis, power_heuristic};
@@ -22,9 +23,6 @@ use crate::limits::SHEETS_PER_SEGMENT_MAX;
 
 /// A shadow ray ends this share before the light, so that it does not meet the light itself.
 pub(super) const SHADOW_SHARE: f32 = 1.0 - 1e-4;
-
-/// Random numbers of a vertex: places 4 n + 1 and on; place 0 is the camera's.
-pub(super) const PLACES: u32 = 4;
 
 /// A path between two rays.
 #[derive(Clone, Copy, Debug)]
@@ -203,7 +201,7 @@ fn vertex<const NEEDS: usize>(
         };
         *radiance += path.throughput * material.emission * weight;
     }
-    let place = u32::from(path.vertex) * PLACES + 1;
+    let place = places::of_vertex(path.vertex);
     path.vertex += 1;
     let last = u32::from(path.bounce) == tracing.bounces;
     let context = Context { prepared, surface: &surface, last, place };

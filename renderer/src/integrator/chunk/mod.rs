@@ -19,9 +19,10 @@ use columns::{
 use passes::Passes;
 
 use super::Needs;
+use super::places;
 use super::prepared::{Prepared, Shading};
 use super::surface::WorldFacet;
-use super::vertex::{Next, PLACES, Path, Shadow};
+use super::vertex::{Next, Path, Shadow};
 
 /// Most hits of a chunk.
 pub(super) const HITS: usize = LANES;
@@ -105,7 +106,7 @@ impl Chunk {
         arrivals.weights[1][lane] = hit.v;
         arrivals.throughput.set(lane, path.throughput);
         arrivals.random[lane] = path.random;
-        arrivals.place[lane] = u32::from(path.vertex) * PLACES + 1;
+        arrivals.place[lane] = places::of_vertex(path.vertex);
         arrivals.last[lane] = (u32::from(path.bounce) == bounces).into();
         Some(lane)
     }
