@@ -13,7 +13,7 @@ use crate::frame::Renderer;
 use crate::integrator::View;
 use crate::light_sampling::{LampChoice, LightSampling, SkyChoice};
 use crate::render_options::RenderOptions;
-use crate::scene::{Camera, Material, Sky, Sun};
+use crate::scene::{Camera, Material, Sky, Sun, Volume};
 use crate::space::Choice;
 
 const SIZE: [u32; 2] = [24, 16];
@@ -84,8 +84,10 @@ fn squares(renderer: &Renderer, view: &View) -> Vec<(f64, f64)> {
 
 #[test]
 fn every_way_of_looking_for_light_has_the_same_expectation() {
-    for (name, detail) in [("loft", 0.2), ("quick", 0.05), ("market", 0.05), ("city", 0.02)] {
-        let (mut renderer, view) = renderer(name, detail);
+    let built_in = [("loft", 0.2), ("quick", 0.05), ("market", 0.05), ("city", 0.02)];
+    let built_in = built_in.into_iter().map(|(name, detail)| (name, renderer(name, detail)));
+    let glass = std::iter::once_with(|| ("glass", behind_glass()));
+    for (name, (mut renderer, view)) in built_in.chain(glass) {
         let expected = squares(&renderer, &view);
         for way in ways().into_iter().skip(1) {
             renderer.set_light_sampling(way);
@@ -101,6 +103,31 @@ fn every_way_of_looking_for_light_has_the_same_expectation() {
 
 /// A floor under a large lamp, under an even sky and a wide sun: much light for either technique to find.
 fn open_room() -> (Renderer, View) {
+    room(0.4, &[])
+}
+
+/// The same under a dark sky, behind a pane of dark glass. A tenth of the light passes the glass, so that few
+/// paths survive its back with `path_roulette`; their front has just drawn that they do not turn back there.
+fn behind_glass() -> (Renderer, View) {
+    let glass = Material {
+        base_color: Vec3::ONE,
+        roughness: 0.0,
+        transmission: 1.0,
+        ior: 2.0,
+        volume: Some(Volume::new(Vec3::splat(0.1), 0.2)),
+        ..Material::default()
+    };
+    let side = |z: f32, a: Vec3, b: Vec3| quad(Vec3::new(-6.0, -3.0, z), a, b);
+    let [across, up] = [Vec3::X * 12.0, Vec3::Y * 6.2];
+    let pane = [side(3.6, across, up), side(3.4, up, across)].concat();
+    let (mut renderer, view) = room(0.05, &[(pane, glass)]);
+    let view = View { bounces: 2, ..view };
+    renderer.learn_light(&view, [120, 80]).expect("there is a structure");
+    (renderer, view)
+}
+
+/// The room under a sky of some radiance, with more in it.
+fn room(radiance: f32, more: &[(Vec<[Vec3; 3]>, Material)]) -> (Renderer, View) {
     let matt = |shade: f32, glow: f32| Material {
         base_color: Vec3::splat(shade),
         emission: Vec3::splat(glow),
@@ -112,8 +139,10 @@ fn open_room() -> (Renderer, View) {
     let wall = quad(at(-3.0, 0.0, -3.0), at(6.0, 0.0, 0.0), at(0.0, 4.0, 0.0));
     let lamp = quad(at(-1.5, 1.2, -1.5), at(2.0, 0.0, 0.0), at(0.0, 0.0, 2.0));
     let sun = Sun { direction: at(0.4, 0.8, 0.5), irradiance: Vec3::splat(1.5), half_angle_rad: 0.5 };
-    let sky = Sky { zenith: Vec3::splat(0.4), horizon: Vec3::splat(0.4), sun: Some(sun) };
-    let scene = scene(&[(floor, matt(0.7, 0.0)), (wall, matt(0.5, 0.0)), (lamp, matt(0.3, 2.0))], sky);
+    let sky = Sky { zenith: Vec3::splat(radiance), horizon: Vec3::splat(radiance), sun: Some(sun) };
+    let mut parts = vec![(floor, matt(0.7, 0.0)), (wall, matt(0.5, 0.0)), (lamp, matt(0.3, 2.0))];
+    parts.extend_from_slice(more);
+    let scene = scene(&parts, sky);
     let mut renderer = Renderer::new(scene, 0).expect("Embree starts");
     renderer.rebuild(&Choice::native(NativeQuality::Medium).build).expect("it can be built");
     let (position, target) = (at(0.5, 2.6, 5.0), at(0.0, 0.3, -0.5));
