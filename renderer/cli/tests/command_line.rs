@@ -90,6 +90,9 @@ fn accelerators_are_measured() {
         let ways = ["low", "medium", "high", "medium path by path"];
         assert!(ways.iter().any(|way| used_well["variant"] == *way));
     }
+    assert_eq!(bench["builds"].as_array().map(Vec::len), Some(11), "each native use and each best fixed one");
+    assert!(bench["builds"][10]["build_cpu_ms"].as_f64().is_some_and(|cpu_ms| cpu_ms > 0.0));
+    assert!(table.contains("threads idle"));
     assert_eq!(bench["render"][5]["name"], "best fixed configuration");
     assert_eq!(bench["total"][6]["name"], "best fixed configuration");
     assert!(table.contains("over native used well") && table.contains("over best fixed"));

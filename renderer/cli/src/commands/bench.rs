@@ -6,6 +6,7 @@
 use std::path::PathBuf;
 
 use clap::Args;
+use comfy_table::Table;
 use serde::Serialize;
 use treewright_client::Configuration;
 
@@ -14,14 +15,17 @@ use crate::error::{CliError, write_file};
 use crate::interrupt::Interrupt;
 use crate::output;
 use treewright_renderer::disturbance::{Disturbance, Watch};
+use treewright_renderer::frame::FrameTimes;
 use treewright_renderer::limits::{CONTENDERS_MAX, ROUNDS_MAX};
 use treewright_renderer::measure::{
     Conditions, Contender, Measured, Standing, Yardstick, delay_note, interleaved, standings,
 };
 use treewright_renderer::space::{self, Choice, Premises, Preset, TuningSpace};
+use treewright_renderer::statistics::Summary;
 use treewright_renderer::tuning::objective::Objective;
 use treewright_renderer::tuning::verdict::{contender, keep_best_native, natives, used_well};
 use treewright_renderer::tuning::who::Who;
+use treewright_scene::Scene;
 
 /// Arguments of `bench`.
 #[derive(Args, Clone, Debug)]
@@ -65,6 +69,7 @@ struct BenchResults<'a> {
     rounds: usize,
     disturbance: Disturbance,
     choices: Vec<NamedChoice<'a>>,
+    builds: Vec<Builds<'a>>,
     /// With a thousandth of a build in each frame.
     render: Vec<Standing>,
     /// With a whole one.
@@ -77,6 +82,38 @@ struct NamedChoice<'a> {
     choice: Choice,
 }
 
+/// The builds of a contender: medians over the rounds.
+#[derive(Debug, PartialEq, Serialize)]
+struct Builds<'a> {
+    name: &'a Who,
+    /// By the clock on the wall.
+    build_ms: f64,
+    /// Processor time of all threads together.
+    build_cpu_ms: f64,
+    /// Share of the render threads' time, 0 to 1, in which they neither ran nor waited for a processor. A
+    /// thread that spins while it waits for another one runs.
+    idle_share: f64,
+}
+
+impl<'a> Builds<'a> {
+    /// `None` where no build was measured.
+    fn of(one: &'a Measured, threads: usize) -> Option<Self> {
+        let median = |of: &dyn Fn(&FrameTimes) -> Option<f64>| {
+            let values: Vec<f64> = one.frames.iter().filter_map(of).collect();
+            (!values.is_empty()).then(|| Summary::of(&values).median)
+        };
+        let idle_share = |times: &FrameTimes| {
+            Some(1.0 - times.build_cpu_ms? / (threads as f64 * times.undelayed().build_ms))
+        };
+        Some(Self {
+            name: &one.who,
+            build_ms: median(&|times| Some(times.build_ms))?,
+            build_cpu_ms: median(&|times| times.build_cpu_ms)?,
+            idle_share: median(&idle_share)?,
+        })
+    }
+}
+
 /// A configuration of the user's.
 fn own(name: &str, space: &TuningSpace, configuration: &Configuration) -> Result<Contender, CliError> {
     let own = contender(Who::Named(name.to_owned().into()), space, configuration)?;
@@ -84,12 +121,11 @@ fn own(name: &str, space: &TuningSpace, configuration: &Configuration) -> Result
     Ok(own)
 }
 
-/// Measures and prints.
-pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
-    let scene = arguments.view.scene.load()?;
+/// Everybody who takes part: native Embree, the best fixed configurations, and those of the user's.
+fn contenders(arguments: &Arguments, scene: &Scene) -> Result<Vec<Contender>, CliError> {
     let premises = |each_frame| Premises {
         builds_each_frame: each_frame,
-        ..arguments.space.premises(&scene, Objective::Render)
+        ..arguments.space.premises(scene, Objective::Render)
     };
     let mut contenders = natives().to_vec();
     contenders.extend(
@@ -108,6 +144,13 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
         contenders.push(own(name, &space, &read_configuration(path)?)?);
     }
     select(&mut contenders, &arguments.only)?;
+    Ok(contenders)
+}
+
+/// Measures and prints.
+pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
+    let scene = arguments.view.scene.load()?;
+    let contenders = contenders(arguments, &scene)?;
     let camera = arguments.view.camera.find(&scene)?;
     let mut renderer = arguments.view.frame.renderer(&scene)?;
     let conditions = Conditions {
@@ -137,7 +180,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
         rounds(&measured),
     );
     println!("A frame with a thousandth of its build:\n{}\n", output::standings(&render, "frame ms"));
-    println!("A frame with a whole build:\n{}", output::standings(&total, "build + render ms"));
+    println!("A frame with a whole build:\n{}\n", output::standings(&total, "build + render ms"));
+    let builds: Vec<Builds<'_>> =
+        measured.iter().filter_map(|one| Builds::of(one, renderer.threads())).collect();
+    println!("Builds:\n{}", builds_table(&builds));
     let disturbance =
         watch.end(renderer.threads(), &total.first().map_or_else(Vec::new, |one| one.rounds_ms.clone()));
     for note in disturbance.description().into_iter().chain(delay_note(&total)) {
@@ -153,12 +199,26 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
             rounds: rounds(&measured),
             disturbance,
             choices: choices.collect(),
+            builds,
             render,
             total,
         };
         write_file(path, output::to_json(&results)?.as_bytes())?;
     }
     if interrupt.requested() { Err(CliError::Interrupted) } else { Ok(()) }
+}
+
+fn builds_table(builds: &[Builds<'_>]) -> Table {
+    let mut table = output::table(&["structure", "build ms", "processor ms", "threads idle"]);
+    for one in builds {
+        table.add_row([
+            one.name.to_string(),
+            format!("{:.1}", one.build_ms),
+            format!("{:.1}", one.build_cpu_ms),
+            format!("{:.0} %", 1e2 * one.idle_share),
+        ]);
+    }
+    table
 }
 
 /// The objectives for which frames of one run of rounds are shown.
@@ -204,4 +264,26 @@ fn select(contenders: &mut Vec<Contender>, only: &[String]) -> Result<(), CliErr
 /// Number of rounds that all contenders have run.
 fn rounds(measured: &[Measured]) -> usize {
     measured.iter().filter(|one| one.failure.is_none()).map(|one| one.frames.len()).min().unwrap_or(0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn threads_are_idle_where_they_neither_run_nor_wait() {
+        let build = |build_cpu_ms, build_delay_ms| FrameTimes {
+            build_cpu_ms: Some(build_cpu_ms),
+            build_delay_ms: Some(build_delay_ms),
+            ..FrameTimes::of(10.0, 1.0)
+        };
+        let idle_share = |times| {
+            let one = Measured { frames: vec![times], ..Measured::default() };
+            Builds::of(&one, 2).expect("it was built").idle_share
+        };
+        assert_eq!(idle_share(build(20.0, 0.0)), 0.0, "both threads ran all the time");
+        assert_eq!(idle_share(build(10.0, 0.0)), 0.5, "one of them did");
+        assert_eq!(idle_share(build(10.0, 10.0)), 0.0, "both had work, and one place");
+        assert_eq!(Builds::of(&Measured::default(), 2), None);
+    }
 }
