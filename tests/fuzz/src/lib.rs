@@ -1,9 +1,9 @@
 //! The fuzzed functions, without a fuzzer: each module takes any input and panics only when it finds a
 //! defect.
 //!
-//! `targets/` holds the programs that cargo-fuzz builds with coverage. `corpus/` holds the [`seeds`] and
-//! every input that once found a defect. The tests run all of them, so that a mended defect stays mended
-//! without a fuzzer.
+//! `targets/` holds the programs that cargo-fuzz builds with coverage. `corpus/` holds a valid input of each
+//! kind (`seed-*`), so that a fuzzer need not find the grammar first, and every input that once found a
+//! defect. The tests run all of them, so that a mended defect stays mended without a fuzzer.
 
 pub mod arguments;
 pub mod example;
@@ -11,7 +11,6 @@ pub mod filters;
 pub mod printed;
 pub mod requests;
 pub mod scenes;
-pub mod seeds;
 pub mod studies;
 
 /// A target by name, with bytes that are no text passed over where it wants text.

@@ -51,9 +51,8 @@ fn decode<M: Message + Default>(bytes: &[u8]) -> Option<Request<M>> {
 macro_rules! rpcs {
     ($($kind:ident: $call:ident,)*) => {
         /// The RPCs, by the byte that chooses one.
-        #[derive(Clone, Copy, Debug)]
-        #[allow(missing_docs)] // The names are those of the RPCs.
-        pub enum Kind {
+        #[derive(Clone, Copy)]
+        enum Kind {
             $($kind,)*
         }
 
