@@ -1,7 +1,7 @@
-//! Files that people name, and the places where programs keep theirs (XDG Base Directory Specification 0.8).
+//! Files that people name, and the name of this machine.
 
 use std::io::Read as _;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use crate::failure::Failure;
 
@@ -25,11 +25,6 @@ pub(crate) fn read_text(path: &Path) -> Result<String, Failure> {
     }
     file.take(TEXT_BYTES).read_to_string(&mut text).map_err(problem)?;
     Ok(text)
-}
-
-/// `~/.config/treewright`, where settings are.
-pub(crate) fn config_folder() -> Option<PathBuf> {
-    treewright_client::local::folder("XDG_CONFIG_HOME", ".config")
 }
 
 /// The name of this machine, as far as it is known.

@@ -1,5 +1,5 @@
 //! `treewright`: tunes programs, and looks at and steers a tuning daemon, from the command line. A thin main:
-//! it reads the settings and the arguments, runs one command, prints the answer and returns an exit code.
+//! it reads the arguments, runs one command, prints the answer and returns an exit code.
 //!
 //! `arguments` defines the command line, `commands` runs it, `show` puts answers into words. `study_file` and
 //! `carry` read and write studies and their trials, `analysis` measures the influence of parameters, `exec`
@@ -15,27 +15,22 @@ mod files;
 mod output;
 mod progress;
 mod setting_flags;
-mod settings;
 mod show;
 mod study_file;
 
 use std::io::Write as _;
 use std::process::ExitCode;
 
-use arguments::{Arguments, Command};
+use arguments::Arguments;
 use failure::Failure;
-use settings::Settings;
+use treewright_client::parse_arguments;
 
 fn main() -> ExitCode {
     if let Some(code) = exec::supervisor::run_if_asked() {
         return code;
     }
-    let mut settings = Settings::read();
-    let arguments = match settings.arguments(std::env::args_os()) {
-        Ok(arguments) => arguments,
-        Err(error) => error.exit(),
-    };
-    match run(&arguments, &settings).and_then(|text| print(&text)) {
+    let arguments: Arguments = parse_arguments();
+    match commands::run(&arguments).and_then(|text| print(&text)) {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {
             if let Failure::Unfinished { found, .. } = &failure {
@@ -46,15 +41,6 @@ fn main() -> ExitCode {
             let _ = writeln!(std::io::stderr(), "treewright: {failure}");
             failure.exit_code()
         }
-    }
-}
-
-fn run(arguments: &Arguments, settings: &Settings) -> Result<String, Failure> {
-    // Commands that look for faults also run with a faulty settings file.
-    let looks = matches!(arguments.command, Command::Doctor | Command::Config(_));
-    match settings.problem() {
-        Some(problem) if !looks => Err(Failure::Usage(problem.to_owned())),
-        _ => commands::run(arguments, settings),
     }
 }
 

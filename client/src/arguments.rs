@@ -9,7 +9,7 @@ use crate::{ClientError, Credentials};
 const TOKEN_VARIABLE: &str = "TREEWRIGHT_TOKEN";
 
 /// The arguments that only an address with TLS uses.
-pub const TLS_ARGUMENTS: [&str; 3] = ["tls_ca", "tls_cert", "tls_key"];
+const TLS_ARGUMENTS: [&str; 3] = ["tls_ca", "tls_cert", "tls_key"];
 
 /// Token and certificates. The heading stands at each argument: one for the whole would also hold for what a
 /// program lists after them.
@@ -73,12 +73,29 @@ impl CredentialArguments {
     }
 }
 
+/// The process's arguments, and the environment where a variable holds something. TLS settings of the
+/// environment are left out where an address among the arguments has no TLS. Ends the process where they are
+/// wrong.
+#[must_use]
+pub fn parse_arguments<T: clap::Parser>() -> T {
+    let mut command = without_empty_variables(T::command());
+    let mut matches = command.get_matches_mut();
+    let mut chosen = &matches;
+    while let Some((_, inner)) = chosen.subcommand() {
+        chosen = inner;
+    }
+    if overrules_tls(chosen) {
+        command = without_tls_variables(without_empty_variables(T::command()));
+        matches = command.get_matches_mut();
+    }
+    T::from_arg_matches(&matches).unwrap_or_else(|error| error.format(&mut command).exit())
+}
+
 /// Whether the argument `server` overrules the TLS settings, which are for another daemon then and are left
 /// out. Then its addresses have no TLS, and it comes from a place that goes before theirs. Where one of them
 /// comes from the place of the address, or goes before it, all stay, and connecting refuses them. `matches`
 /// are those of the command that has the arguments.
-#[must_use]
-pub fn overrules_tls(matches: &clap::ArgMatches) -> bool {
+fn overrules_tls(matches: &clap::ArgMatches) -> bool {
     let Ok(Some(server)) = matches.try_get_one::<String>("server") else { return false };
     let has_tls = server.split(',').any(|url| url.trim().starts_with("https://"));
     let place = matches.value_source("server");
@@ -89,13 +106,13 @@ pub fn overrules_tls(matches: &clap::ArgMatches) -> bool {
 }
 
 /// The command, which reads no TLS settings from the environment.
-pub fn without_tls_variables(command: clap::Command) -> clap::Command {
+fn without_tls_variables(command: clap::Command) -> clap::Command {
     without_variables(command, &|argument| TLS_ARGUMENTS.contains(&argument.get_id().as_str()))
 }
 
 /// The command, for which an empty variable is as one that is not set: `VARIABLE=` in a file of settings, or
 /// `${VARIABLE:-}` in one for containers, means just that.
-pub fn without_empty_variables(command: clap::Command) -> clap::Command {
+fn without_empty_variables(command: clap::Command) -> clap::Command {
     without_variables(command, &|argument| {
         argument.get_env().and_then(std::env::var_os).is_some_and(|value| value.is_empty())
     })

@@ -72,9 +72,7 @@ mod wire;
 mod workers;
 
 #[cfg(feature = "arguments")]
-pub use arguments::{
-    CredentialArguments, TLS_ARGUMENTS, overrules_tls, without_empty_variables, without_tls_variables,
-};
+pub use arguments::{CredentialArguments, parse_arguments};
 pub use by_name::Question;
 pub use circuit_breaker::Status;
 pub use client::Client;

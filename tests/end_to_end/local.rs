@@ -13,9 +13,7 @@ use crate::site::json;
 /// The program of a user with this home, and with this session if any.
 pub(crate) fn at_home(home: &Path, session: Option<&Path>) -> Command {
     let mut command = Command::new(program("treewright"));
-    for variable in
-        ["TREEWRIGHT_SERVER", "TREEWRIGHT_CONFIG", "XDG_CONFIG_HOME", "XDG_DATA_HOME", "XDG_RUNTIME_DIR"]
-    {
+    for variable in ["TREEWRIGHT_SERVER", "XDG_DATA_HOME", "XDG_RUNTIME_DIR"] {
         command.env_remove(variable);
     }
     if let Some(session) = session {

@@ -178,9 +178,6 @@ Examples:
     Doctor,
     /// Checks whether the daemon answers
     Ping,
-    /// Shows or checks the settings
-    #[command(subcommand)]
-    Config(ConfigCommand),
     /// Prints the completion script for a shell
     #[command(
         after_help = "Example:\n  treewright completions bash > ~/.local/share/bash-completion/completions/treewright"
@@ -194,15 +191,6 @@ Examples:
         /// Folder to write them to
         folder: PathBuf,
     },
-}
-
-/// The commands for settings.
-#[derive(Debug, Clone, Copy, Subcommand)]
-pub(crate) enum ConfigCommand {
-    /// Shows each setting and where it comes from
-    Show,
-    /// Checks the configuration file
-    Check,
 }
 
 /// A study and a state.

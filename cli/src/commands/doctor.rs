@@ -1,4 +1,4 @@
-//! Finds faults of the machine, the programs, the settings and the daemon. Each finding names its remedy.
+//! Finds faults of the machine, the programs and the daemon. Each finding names its remedy.
 
 use std::process::Command;
 use std::time::Duration;
@@ -11,7 +11,6 @@ use super::USUAL;
 use crate::arguments::Arguments;
 use crate::failure::Failure;
 use crate::output::either;
-use crate::settings::Settings;
 use treewright_client::local::{self, LocalDaemon};
 
 /// A round trip on one machine is well below this.
@@ -25,18 +24,16 @@ struct Finding {
     found: String,
 }
 
-pub(super) fn run(arguments: &Arguments, settings: &Settings) -> Result<String, Failure> {
+pub(super) fn run(arguments: &Arguments) -> Result<String, Failure> {
     let mut findings = vec![processor(), load(), governor(), clock()];
     findings.extend(["treewrightd", "treewright-render"].map(program));
-    findings.push(configuration(settings));
     findings.push(local_database());
     findings.extend(daemon(arguments));
-    let text = either(arguments.json, &findings, || {
+    either(arguments.json, &findings, || {
         let mark = |good: bool| if good { "ok  " } else { "LOOK" };
         let line = |one: &Finding| format!("{} {:<18} {}", mark(one.is_good), one.what, one.found);
         findings.iter().map(line).collect::<Vec<_>>().join("\n")
-    })?;
-    Ok(text)
+    })
 }
 
 fn good(what: &'static str, found: impl Into<String>) -> Finding {
@@ -107,13 +104,6 @@ fn program(name: &'static str) -> Finding {
             }
         }
         Err(error) => bad(name, format!("{} cannot be started: {error}", path.display())),
-    }
-}
-
-fn configuration(settings: &Settings) -> Finding {
-    match settings.problem() {
-        Some(problem) => bad("settings", problem.to_owned()),
-        None => good("settings", settings.place()),
     }
 }
 

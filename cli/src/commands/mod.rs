@@ -18,10 +18,9 @@ use treewright_client::blocking::Client;
 use treewright_client::{ClientError, Options};
 
 use crate::arguments::study::StudyCommand;
-use crate::arguments::{Arguments, Command, ConfigCommand};
+use crate::arguments::{Arguments, Command};
 use crate::failure::Failure;
 use crate::output::either;
-use crate::settings::Settings;
 use crate::study_file;
 use crate::{exec, progress, show};
 use treewright_client::local::{self, LocalDaemon};
@@ -34,16 +33,14 @@ const USUAL: &str = "http://127.0.0.1:50611";
 const LOCAL: &str = "local";
 
 /// Runs the command and returns the text to print.
-pub(crate) fn run(arguments: &Arguments, settings: &Settings) -> Result<String, Failure> {
+pub(crate) fn run(arguments: &Arguments) -> Result<String, Failure> {
     let json = arguments.json;
     // These need no daemon.
     match &arguments.command {
         Command::Study(StudyCommand::Schema) => return either(true, &study_file::schema(), String::new),
-        Command::Config(ConfigCommand::Show) => return settings.show(arguments, json),
-        Command::Config(ConfigCommand::Check) => return settings.check(json),
         Command::Completions { shell } => return Ok(machine::completions(*shell)),
         Command::Man { folder } => return machine::man(folder),
-        Command::Doctor => return doctor::run(arguments, settings),
+        Command::Doctor => return doctor::run(arguments),
         _ => {}
     }
     let address = address(arguments)?;
@@ -129,9 +126,7 @@ fn ask(client: &Client, address: &Address, arguments: &Arguments) -> Result<Stri
         Command::Watch(watch) => watch::run(client, watch, json),
         Command::Ping => ping(client, json),
         // These need none.
-        Command::Config(_) | Command::Completions { .. } | Command::Man { .. } | Command::Doctor => {
-            Ok(String::new())
-        }
+        Command::Completions { .. } | Command::Man { .. } | Command::Doctor => Ok(String::new()),
     }
 }
 

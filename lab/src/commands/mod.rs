@@ -15,7 +15,7 @@ use std::process::ExitCode;
 use clap::{Parser, Subcommand};
 use treewright_render_cli::error::CliError;
 use treewright_render_cli::manual::ManualCommand;
-use treewright_render_cli::{carry_out, output, parse};
+use treewright_render_cli::{carry_out, output, parse_arguments};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -67,7 +67,7 @@ enum Command {
 
 /// Runs the program with the process's arguments.
 pub fn main() -> ExitCode {
-    carry_out("treewright-lab", || run(&parse::<Cli>().command))
+    carry_out("treewright-lab", || run(&parse_arguments::<Cli>().command))
 }
 
 fn run(command: &Command) -> Result<(), CliError> {

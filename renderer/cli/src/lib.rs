@@ -34,7 +34,8 @@ use tracing_subscriber::filter::Targets;
 use tracing_subscriber::layer::SubscriberExt as _;
 use tracing_subscriber::util::SubscriberInitExt as _;
 use treewright_accel::Isa;
-use treewright_client::{overrules_tls, without_empty_variables, without_tls_variables};
+
+pub use treewright_client::parse_arguments;
 
 use commands::{animate, bench, best, image, info, play, rays, rounds, sample, tune};
 use error::CliError;
@@ -114,25 +115,7 @@ enum Command {
 
 /// Runs the program with the process's arguments.
 pub fn main() -> ExitCode {
-    carry_out("treewright-render", || run(&parse::<Cli>().command))
-}
-
-/// The process's arguments, and the environment where a variable holds something. TLS settings of the
-/// environment are left out where an address among the arguments has no TLS. Ends the process where they are
-/// wrong.
-#[must_use]
-pub fn parse<T: Parser>() -> T {
-    let mut command = without_empty_variables(T::command());
-    let mut matches = command.get_matches_mut();
-    let mut chosen = &matches;
-    while let Some((_, inner)) = chosen.subcommand() {
-        chosen = inner;
-    }
-    if overrules_tls(chosen) {
-        command = without_tls_variables(without_empty_variables(T::command()));
-        matches = command.get_matches_mut();
-    }
-    T::from_arg_matches(&matches).unwrap_or_else(|error| error.format(&mut command).exit())
+    carry_out("treewright-render", || run(&parse_arguments::<Cli>().command))
 }
 
 /// Carries out what the command line asks a program for. Warnings of libraries go to standard error as far as
