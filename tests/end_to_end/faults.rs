@@ -22,15 +22,15 @@ use crate::wire;
 const PATIENCE: Duration = Duration::from_secs(60);
 
 /// A client that keeps the acknowledged reports.
-struct Book {
+pub(crate) struct Book {
     client: TuningServiceClient<Channel>,
     study: String,
     /// The names of the trials whose report was acknowledged, in that order.
-    acknowledged: Vec<String>,
+    pub(crate) acknowledged: Vec<String>,
 }
 
 impl Book {
-    async fn open(daemon: &Daemon) -> Self {
+    pub(crate) async fn open(daemon: &Daemon) -> Self {
         let mut client = wire::connect(daemon.url()).await;
         let study = wire::create(&mut client, "faults").await;
         Self { client, study, acknowledged: Vec::new() }
@@ -44,7 +44,7 @@ impl Book {
         Ok(())
     }
 
-    async fn frames(&mut self, count: usize) {
+    pub(crate) async fn frames(&mut self, count: usize) {
         for _ in 0..count {
             self.frame().await.expect("nothing is wrong yet");
         }
@@ -61,7 +61,7 @@ impl Book {
     }
 
     /// Frames until one goes through again, without anybody's help.
-    async fn recovers(&mut self) {
+    pub(crate) async fn recovers(&mut self) {
         let begun = Instant::now();
         while let Err(status) = self.frame().await {
             assert!(begun.elapsed() < PATIENCE, "it does not recover: {status}");
@@ -70,7 +70,7 @@ impl Book {
     }
 
     /// Reads, and finds everything that was acknowledged.
-    async fn reads(&mut self) {
+    pub(crate) async fn reads(&mut self) {
         let request = pb::GetStudyRequest { name: self.study.clone() };
         self.client.get_study(request).await.expect("reads go on");
         let missing = self.missing().await;
@@ -83,7 +83,7 @@ impl Book {
         self.acknowledged.iter().filter(|name| !stored.contains(*name)).cloned().collect()
     }
 
-    async fn reconnect(&mut self, daemon: &Daemon) {
+    pub(crate) async fn reconnect(&mut self, daemon: &Daemon) {
         self.client = wire::connect(daemon.url()).await;
     }
 }
