@@ -6,7 +6,7 @@
 //! the file, counts and closes it, again and again. The first of the kills is an orderly end, which saves
 //! checkpoints; they are deleted before the second, as `docs/operations.md` says.
 //!
-//! A dozen kills and two stops in a usual run;
+//! Eight kills and two stops in a usual run;
 //! `TREEWRIGHT_STORM_KILLS=1000 TREEWRIGHT_STORM_STOPS=100 cargo test --release -p treewright-tests --test end_to_end storm -- --nocapture`
 //! shows more and prints what happened.
 
@@ -36,7 +36,7 @@ use crate::wire;
 
 const STUDY: &str = "storm";
 const CLIENTS: u32 = 32;
-const KILLS: u32 = 12;
+const KILLS: u32 = 8;
 const STOPS: u32 = 2;
 /// Frames after which a client that makes calls begins another session.
 const SESSION_FRAMES: u32 = 40;
