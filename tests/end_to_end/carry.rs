@@ -198,53 +198,6 @@ fn a_study_of_the_same_name_and_machine_knows_nothing_of_another_ones_trials() {
 }
 
 #[test]
-fn a_running_program_goes_on_with_a_renamed_study_and_never_reports_to_one_that_was_created_again() {
-    use treewright_client::{Indicators, Options, Outcome, blocking::Client};
-    let site = Site::new();
-    let (daemon, file) = (&site.daemon, study(site.folder.path(), ""));
-    say(daemon.url(), &["study", "create", &file]);
-    let patient = Options { deadline: std::time::Duration::from_secs(20), ..Options::default() };
-    let client = Client::connect(daemon.url(), patient).expect("a client");
-    let flush = || client.flush(std::time::Duration::from_secs(20));
-    let spec = client.get_study("toy").expect("there").spec().expect("readable").clone();
-    let handle = client.study("toy", spec).expect("that study");
-    let state = Indicators::from([("megabytes", 10.0)]);
-    let open = handle.suggest(&state);
-    say(daemon.url(), &["study", "rename", "toy", "hall"]);
-    open.report([("loss", 7.0)].into(), Outcome::Ok).expect("queued");
-    flush().expect("taken");
-    handle.suggest(&state).report([("loss", 8.0)].into(), Outcome::Ok).expect("queued");
-    flush().expect("taken");
-    let costs = |study: &str| -> Vec<f64> {
-        let completed = trials(daemon.url(), study, "state = COMPLETED");
-        completed.iter().filter_map(|trial| trial["cost"].as_f64()).collect()
-    };
-    assert_eq!(costs("hall"), [7.0, 8.0]);
-
-    // The FAQ's way to start over, while the program runs.
-    let stale = handle.suggest(&state);
-    assert!(stale.trial().is_some());
-    say(daemon.url(), &["study", "delete", "hall", "--yes"]);
-    say(daemon.url(), &["study", "create", &file, "--id", "hall"]);
-    let trial = ask(daemon.url(), &["suggest", "hall", "--indicator", "megabytes=10"]);
-    let number = stale.trial().expect("a trial").rsplit('/').next().expect("a number").to_owned();
-    let plain = format!("studies/hall/trials/{number}");
-    stale.report([("loss", 0.001)].into(), Outcome::Ok).expect("queued");
-    flush().expect("refused, so nothing waits");
-    assert_eq!(client.stats().refused, 1);
-    let old = shell(daemon.url(), &["report", &plain, "loss=0.001"]);
-    assert!(!old.status.success() && stderr(&old).contains("handed out before"), "{}", stderr(&old));
-    say(daemon.url(), &["report", trial["name"].as_str().expect("a name"), "loss=50"]);
-    assert_eq!(costs("hall"), [50.0]);
-    // The program specified the study under its first name: there it goes on, once it has created it again.
-    let begun = std::time::Instant::now();
-    while handle.suggest(&state).trial().is_none() {
-        assert!(begun.elapsed().as_secs() < 20, "it goes on");
-    }
-    assert_eq!(costs("hall"), [50.0]);
-}
-
-#[test]
 fn a_row_that_the_service_does_not_take_does_not_hold_up_the_others() {
     let site = Site::new();
     let daemon = &site.daemon;

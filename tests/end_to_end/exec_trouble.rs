@@ -95,16 +95,6 @@ fn who_crashes_by_chance_is_not_unusable() {
 }
 
 #[test]
-fn exit_codes_can_be_accepted() {
-    let bench = Site::new();
-    let script = "echo '{\"loss\": {x}}'; exit 3";
-    assert_eq!(bench.exec("codes", &["--trials", "3"], script).status.code(), Some(1));
-    let accepted = bench.exec("codes", &["--trials", "3", "--accept-exit", "1,3"], script);
-    assert_eq!(json(&accepted)["trials"], 3);
-    assert_eq!(bench.count("codes", "outcome = OK"), 3);
-}
-
-#[test]
 fn helpers_that_stay_hold_nobody_up() {
     let bench = Site::new();
     let begin = Instant::now();

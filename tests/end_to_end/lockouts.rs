@@ -102,25 +102,6 @@ async fn silent_connections_shut_nobody_out_whatever_the_limit_of_descriptors() 
     }
 }
 
-#[tokio::test]
-async fn more_idle_clients_than_connections_take_turns() {
-    let site = Site::with(&["--max-connections", "40", "--max-connections-per-address", "40"]);
-    let mut clients = Vec::new();
-    for _ in 0..100 {
-        let mut client = wire::connect(site.url()).await;
-        client.list_studies(pb::ListStudiesRequest::default()).await.expect("served");
-        clients.push(client);
-    }
-    for client in &mut clients {
-        // The first answer may be that the connection is gone; the client connects again by itself.
-        let mut answers = Vec::new();
-        for _ in 0..3 {
-            answers.push(client.list_studies(pb::ListStudiesRequest::default()).await.is_ok());
-        }
-        assert!(answers.contains(&true), "{answers:?}");
-    }
-}
-
 fn ask(address: &str, path: &str) -> Option<String> {
     let mut stream = TcpStream::connect(address).ok()?;
     stream.set_read_timeout(Some(PATIENCE)).ok()?;
