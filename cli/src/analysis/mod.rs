@@ -138,16 +138,40 @@ pub(crate) fn analyse(
 }
 
 impl Influence {
-    /// The share as text.
-    fn share(&self) -> String {
-        self.first_order.map_or("-".to_owned(), |share| format!("{:.1} %", share * 100.0))
+    /// Its measures as text: both correlations, the mutual information and the share.
+    fn shown(&self) -> [String; 4] {
+        let r = |of: Option<dependence::Correlation>| of.map(|of| format!("{:.2}", of.r));
+        let share = self.first_order.map(|share| format!("{:.1} %", share * 100.0));
+        let bits = Some(format!("{:.3}", self.mutual_information_bits));
+        [r(self.correlation), r(self.rank_correlation), bits, share]
+            .map(|text| text.unwrap_or_else(|| "–".to_owned()))
     }
 }
 
 impl Analysis {
-    /// Whether there are too few configurations to tell the parameters' shares apart.
-    fn has_few(&self) -> bool {
-        self.configurations < CONFIGURATIONS_PER_PARAMETER * self.varied
+    /// The most important influences, in words.
+    fn headline(&self) -> String {
+        let (configurations, varied) = (self.configurations, self.varied);
+        if configurations < CONFIGURATIONS_PER_PARAMETER * varied {
+            return format!(
+                "Too few trials: {configurations} different configurations do not tell {varied} parameters apart, so shares are \
+                 uncertain. Record {} or more, best at random.",
+                CONFIGURATIONS_PER_PARAMETER * varied
+            );
+        }
+        let all = self.conditions.first().map(|all| all.metrics.as_slice()).unwrap_or_default();
+        let strongest = all.iter().take(3).filter_map(|metric| {
+            let first = metric.parameters.first()?;
+            let share = first.first_order.filter(|share| *share >= 0.01)?;
+            let name = &metric.name;
+            Some(format!("{} explains {:.0} % of {name}'s variance", first.parameter, share * 100.0))
+        });
+        let statements: Vec<String> = strongest.collect();
+        if statements.is_empty() {
+            "No single parameter explains 1 % or more of any measurement.".into()
+        } else {
+            statements.join("; ") + "."
+        }
     }
 
     /// For a terminal.
@@ -157,23 +181,14 @@ impl Analysis {
             self.study,
             self.trials,
             self.states,
-            page::headline(self)
+            self.headline()
         );
         for metric in self.conditions.first().iter().flat_map(|all| &all.metrics) {
             let title = titled(&metric.name, metric.higher_is_better);
             text += &format!("\n{title:24} {:>6} {:>6} {:>6} {:>7}\n", "r", "rank", "bits", "share");
             for one in &metric.parameters {
-                let r = |of: Option<dependence::Correlation>| {
-                    of.map_or("-".to_owned(), |of| format!("{:.2}", of.r))
-                };
-                text += &format!(
-                    "  {:22} {:>6} {:>6} {:>6.3} {:>7}\n",
-                    one.parameter,
-                    r(one.correlation),
-                    r(one.rank_correlation),
-                    one.mutual_information_bits,
-                    one.share()
-                );
+                let [r, rank, bits, share] = one.shown();
+                text += &format!("  {:22} {r:>6} {rank:>6} {bits:>6} {share:>7}\n", one.parameter);
             }
         }
         for narrowed in self.objectives.iter().filter(|one| !one.narrowed.is_empty()) {
