@@ -162,8 +162,7 @@ fn reference(
     interrupt: Interrupt,
 ) -> Result<Reference, CliError> {
     // No contender's clock runs, so the fastest way that is known without measuring will do.
-    let premises = Premises { instanced: renderer.scene().instances.is_some(), ..Premises::all() };
-    let choice = TuningSpace::new(Preset::Full, &premises).default_choice();
+    let choice = TuningSpace::new(Preset::Full, &Premises::all()).default_choice();
     let (structure, _) = renderer.build(&choice.build)?;
     let (Size { width, height }, samples) = (arguments.view.size, arguments.reference_spp);
     let bar =

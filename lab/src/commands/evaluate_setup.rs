@@ -125,8 +125,7 @@ pub(super) fn with_versions(machine: Fingerprint, threads: usize) -> Result<Fing
 /// The space of a record.
 pub(super) fn space(conditions: &Conditions) -> TuningSpace {
     let preset = if conditions.space == "paper" { Preset::Paper } else { Preset::Full };
-    let premises = Premises { robust: false, instanced: false, ..Premises::all() };
-    TuningSpace::new(preset, &premises)
+    TuningSpace::new(preset, &Premises::all())
 }
 
 /// Adds the best configuration of each search at a place after each number of trials in `after`, and at its

@@ -300,11 +300,9 @@ pub(crate) fn tell(
     Ok(suggestion.report(measurements(trial.times, 1, objective), trial.outcome.clone())?)
 }
 
-/// The space of an objective: one for all scenes of the suite, so that each can teach the others. Instances
-/// are opened as recommended.
+/// The space of an objective: one for all scenes of the suite, so that each can teach the others.
 pub(crate) fn space(objective: Objective) -> TuningSpace {
-    let premises =
-        Premises { builds_each_frame: objective.builds_each_frame(), instanced: false, ..Premises::all() };
+    let premises = Premises { builds_each_frame: objective.builds_each_frame(), ..Premises::all() };
     TuningSpace::new(Preset::Full, &premises)
 }
 

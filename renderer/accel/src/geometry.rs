@@ -61,16 +61,6 @@ impl Triangles {
         Ok(Self { masks: Some(Arc::new(masks)), ..self })
     }
 
-    /// These triangles with the masks of others, given by their numbers in the order of these.
-    pub(crate) fn masked_as(self, others: &Self, numbers: impl Iterator<Item = usize>) -> Self {
-        let first = others.range.start;
-        let masks = others.masks.as_deref();
-        Self {
-            masks: masks.map(|masks| Arc::new(masks.subset(numbers.map(|number| first + number)))),
-            ..self
-        }
-    }
-
     /// Whether any triangle has a mask: O(triangles).
     pub fn has_masks(&self) -> bool {
         let masks = self.masks.as_deref();

@@ -46,18 +46,12 @@ pub const REINSERTION_PASSES_MAX: u32 = 16;
 /// Most instances in one scene.
 pub const INSTANCES_MAX: usize = 1 << 24;
 
-/// Most triangles of one tree that objects are copied to: with their tree some six gigabytes.
-pub const FLATTENED_TRIANGLES_MAX: u64 = 1 << 25;
-
 /// Permitted `search_radius`.
 pub const SEARCH_RADIUS_RANGE: std::ops::RangeInclusive<u32> = 1..=32;
 
 /// Permitted `cluster_size`: a part of the curve that becomes one cluster must fit into the smallest set of
 /// clusters.
 pub const CLUSTER_SIZE_RANGE: std::ops::RangeInclusive<u32> = 1..=8;
-
-/// Permitted `instance_opening`.
-pub const INSTANCE_OPENING_RANGE: std::ops::RangeInclusive<u32> = 1..=16;
 
 /// Most rays of one class in a recording: half a gigabyte of memory.
 pub const RECORDED_RAYS_MAX: usize = 1 << 24;

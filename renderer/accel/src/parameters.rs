@@ -4,8 +4,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::BuildError;
 use crate::limits::{
-    CLUSTER_SIZE_RANGE, COST_MAX, INSTANCE_OPENING_RANGE, LEAF_SIZE_MAX, MAX_DEPTH, REBUILD_THRESHOLD_RANGE,
-    REINSERTION_PASSES_MAX, SAH_BLOCK_SIZE_MAX, SEARCH_RADIUS_RANGE, SPLIT_BUDGET, SPLIT_BUDGET_RANGE,
+    CLUSTER_SIZE_RANGE, COST_MAX, LEAF_SIZE_MAX, MAX_DEPTH, REBUILD_THRESHOLD_RANGE, REINSERTION_PASSES_MAX,
+    SAH_BLOCK_SIZE_MAX, SEARCH_RADIUS_RANGE, SPLIT_BUDGET, SPLIT_BUDGET_RANGE,
 };
 pub use crate::native_options::{NativeOptions, NativeQuality};
 
@@ -45,7 +45,6 @@ pub enum Builder {
 /// | `builder` is [`Builder::Ploc`] | `quality`, `split_budget`, `static_scene` |
 /// | `builder` is [`Builder::Embree`] | `search_radius`, `cluster_size` |
 /// | `collapse` is [`Collapse::Builder`] | `reinsertion_passes` |
-/// | the scene has no instances | `flatten_below`, `instance_opening` |
 /// | always | of the two costs only their ratio acts; `static_scene` sets a builder flag that a tree built once and never updated does not feel (paper, section 4.1, finds the same of the last three) |
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
@@ -92,12 +91,6 @@ pub struct TreeParameters {
     /// Room for the references that spatial splits add, as a factor on the number of triangles, 1 to 2. Acts
     /// with [`Quality::SahSplit`] only.
     pub split_budget: f32,
-    /// Objects with at most this number of triangles, counted once an instance, are copied into one tree of
-    /// the world. Acts on scenes of instances only.
-    pub flatten_below: u32,
-    /// The average number of parts into which instances are opened for the tree over them, 1 to 16. Acts on
-    /// scenes of instances only.
-    pub instance_opening: u32,
 }
 
 /// The way to a tree of many children a node.
@@ -134,8 +127,6 @@ impl Default for TreeParameters {
             collapse: Collapse::Builder,
             reinsertion_passes: 0,
             split_budget: SPLIT_BUDGET,
-            flatten_below: 0,
-            instance_opening: 1,
         }
     }
 }
@@ -148,7 +139,7 @@ impl TreeParameters {
         }
         let Self { branching_factor, max_depth, sah_block_size, min_leaf_size, max_leaf_size, .. } = self;
         let Self { traversal_cost, intersection_cost, block_width, reinsertion_passes, .. } = self;
-        let Self { split_budget, search_radius, cluster_size, instance_opening, .. } = self;
+        let Self { split_budget, search_radius, cluster_size, .. } = self;
         let check = |fits: bool, parameter, value: &dyn std::fmt::Display, rule| match fits {
             true => Ok(()),
             false => Err(BuildError::InvalidParameters { parameter, value: value.to_string(), rule }),
@@ -176,9 +167,7 @@ impl TreeParameters {
         check(SPLIT_BUDGET_RANGE.contains(split_budget), "split_budget", split_budget, "it must be 1 to 2")?;
         let fits = SEARCH_RADIUS_RANGE.contains(search_radius);
         check(fits, "search_radius", search_radius, "it must be 1 to 32")?;
-        check(CLUSTER_SIZE_RANGE.contains(cluster_size), "cluster_size", cluster_size, "it must be 1 to 8")?;
-        let fits = INSTANCE_OPENING_RANGE.contains(instance_opening);
-        check(fits, "instance_opening", instance_opening, "it must be 1 to 16")
+        check(CLUSTER_SIZE_RANGE.contains(cluster_size), "cluster_size", cluster_size, "it must be 1 to 8")
     }
 }
 
@@ -261,8 +250,6 @@ mod tests {
             (TreeParameters { search_radius: 33, ..good }, "search_radius"),
             (TreeParameters { cluster_size: 0, ..good }, "cluster_size"),
             (TreeParameters { cluster_size: 9, ..good }, "cluster_size"),
-            (TreeParameters { instance_opening: 0, ..good }, "instance_opening"),
-            (TreeParameters { instance_opening: 17, ..good }, "instance_opening"),
             (TreeParameters { max_depth: 8, ..good }, "max_depth"),
             (TreeParameters { max_depth: 65, ..good }, "max_depth"),
             (TreeParameters { sah_block_size: 0, ..good }, "sah_block_size"),

@@ -29,18 +29,13 @@ fn configuration() -> impl Strategy<Value = TreeParameters> {
         0u32..=16,
         1.0f32..=2.0,
     );
-    let own = (
-        prop::sample::select(vec![Builder::Embree, Builder::Ploc]),
-        (1u32..=32, 1u32..=8),
-        prop::sample::select(vec![0u32, 500, 1_000_000]),
-        1u32..=16,
-    );
+    let own = (prop::sample::select(vec![Builder::Embree, Builder::Ploc]), (1u32..=32, 1u32..=8));
     (shape, rest, layout, own).prop_map(
         |(
             (quality, branching_factor, max_depth, sah_block_size, (min_leaf_size, max_leaf_size)),
             rest,
             (block_width, collapse, reinsertion_passes, split_budget),
-            (builder, (search_radius, cluster_size), flatten_below, instance_opening),
+            (builder, (search_radius, cluster_size)),
         )| {
             let (traversal_cost, intersection_cost, static_scene, compact, robust) = rest;
             TreeParameters {
@@ -63,8 +58,6 @@ fn configuration() -> impl Strategy<Value = TreeParameters> {
                 builder,
                 search_radius,
                 cluster_size,
-                flatten_below,
-                instance_opening,
             }
         },
     )

@@ -63,17 +63,15 @@ fn choices() -> Vec<BuildChoice> {
         (Quality::SahSplit, false, 4),
         (Quality::SahSplit, true, 4),
     ]));
-    // Copies into the world, opened instances, and our own builder.
-    for (number, flatten_below) in [0, 200, 1_000, 10_000_000].into_iter().enumerate() {
-        for instance_opening in [1, 3, 16] {
+    // Upper levels that are improved, and our own builder.
+    for reinsertion_passes in 0..4 {
+        for robust in [false, true] {
             all.push(BuildChoice::Tree(TreeParameters {
-                flatten_below,
-                instance_opening,
-                builder: if number % 2 == 0 { Builder::Embree } else { Builder::Ploc },
-                branching_factor: if number < 2 { 8 } else { 16 },
+                builder: if reinsertion_passes % 2 == 0 { Builder::Embree } else { Builder::Ploc },
+                branching_factor: if reinsertion_passes < 2 { 8 } else { 16 },
                 collapse: Collapse::Optimal,
-                reinsertion_passes: number as u32,
-                robust: instance_opening == 16,
+                reinsertion_passes,
+                robust,
                 max_depth: 64,
                 ..TreeParameters::default()
             }));

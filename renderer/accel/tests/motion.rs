@@ -185,15 +185,8 @@ fn instances_walk() {
     let placed = (0..48).map(|number| (number % 2, walker(number, 0.0)));
     let instances = Instances::new(triangles.len(), vec![0..600, 600..1000], placed).expect("valid");
     let instances = Arc::new(instances);
-    let mut choices = choices();
-    choices.push(BuildChoice::Tree(TreeParameters {
-        flatten_below: 10_000,
-        instance_opening: 4,
-        max_depth: 64,
-        ..TreeParameters::default()
-    }));
     let rays = scenes::rays(120, 8);
-    for choice in choices {
+    for choice in choices() {
         for update in UPDATES {
             let mut structure = build_instanced(&device, &triangles, &instances, &choice).expect("it builds");
             for step in 1..=3 {

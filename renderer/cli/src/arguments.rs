@@ -213,7 +213,7 @@ impl SpaceArguments {
         }
     }
 
-    /// The space of a study: one for all scenes, but for those of instances, which have more parameters.
+    /// The space of a study: one for all scenes, but for light sampling.
     pub fn of(&self, scene: &Scene, objective: Objective) -> Result<TuningSpace, CliError> {
         self.checked(self.premises(scene, objective))
     }
@@ -223,7 +223,6 @@ impl SpaceArguments {
         Premises {
             builds_each_frame: objective.begins_with_cheap_builds(),
             robust: self.robust,
-            instanced: scene.instances.is_some(),
             lights: if self.space == Preset::Light { LightKinds::of(scene) } else { LightKinds::ALL },
         }
     }

@@ -144,8 +144,6 @@ impl Values<'_> {
             collapse: self.word("collapse", default.collapse),
             reinsertion_passes: self.whole("reinsertion_passes", default.reinsertion_passes),
             split_budget: self.number("split_budget", default.split_budget),
-            flatten_below: self.whole("flatten_below", default.flatten_below),
-            instance_opening: self.whole("instance_opening", default.instance_opening),
             ..table_1
         }
     }

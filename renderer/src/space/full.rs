@@ -22,7 +22,6 @@
 //!   and in scenes of instances, that is without effect.
 //! * Only the best grouping of a finished tree makes nodes of sixteen, so it has a parameter of its own for
 //!   the width.
-//! * Only a scene of instances has something to copy or to open.
 //! * A scene without lights that are sampled has no shadow rays; their parameters stay part of the one space
 //!   of all scenes, and are without effect there.
 //!
@@ -99,7 +98,7 @@ fn tunable(premises: &Premises) -> Vec<Explained> {
     // Leaves of fewer triangles than a block leave lanes empty. A tree for one frame is sooner built with
     // larger ones.
     let min_leaf_size = if each_frame { 16 } else { 8 };
-    let mut all = vec![
+    vec![
         tunable(choice(
             "builder",
             ["embree", "ploc"],
@@ -159,20 +158,5 @@ fn tunable(premises: &Premises) -> Vec<Explained> {
         float("split_budget", 1.0..=2.0, 1.2, "how many references triangles may be split into, on average")
             .only_while("quality", [3]),
         tunable(choice("block_width", [4, 8], 8, "how many triangles are tested at once")),
-    ];
-    if premises.instanced {
-        all.push(tunable(choice(
-            "flatten_below",
-            [0, 10_000, 300_000, 10_000_000],
-            0,
-            "objects with at most this number of triangles, counted once an instance, are copied into one tree",
-        )));
-        all.push(tunable(choice(
-            "instance_opening",
-            [1, 2, 4, 8],
-            1,
-            "into how many parts, on average, instances are opened for the tree over them",
-        )));
-    }
-    all
+    ]
 }

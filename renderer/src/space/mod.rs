@@ -91,8 +91,6 @@ pub struct Premises {
     pub builds_each_frame: bool,
     /// The user wants watertight intersection.
     pub robust: bool,
-    /// The scene has objects that are placed by instances.
-    pub instanced: bool,
     /// The kinds of light that the scene has.
     pub lights: LightKinds,
 }
@@ -100,7 +98,7 @@ pub struct Premises {
 impl Premises {
     /// Under which every parameter there is exists.
     pub fn all() -> Self {
-        Self { builds_each_frame: false, robust: false, instanced: true, lights: LightKinds::ALL }
+        Self { builds_each_frame: false, robust: false, lights: LightKinds::ALL }
     }
 }
 
@@ -109,7 +107,6 @@ impl Premises {
 pub struct TuningSpace {
     preset: Preset,
     robust: bool,
-    instanced: bool,
     lights: LightKinds,
     /// The tree and the grouping of rays that go with light sampling.
     base: Choice,
@@ -131,13 +128,13 @@ impl TuningSpace {
         let about = explained.iter().map(|one| one.about).collect();
         let space = space_of(explained.into_iter().map(|one| one.parameter).collect());
         let space = space.expect("the spaces of this program are sound");
-        let Premises { robust, instanced, lights, .. } = *premises;
+        let Premises { robust, lights, .. } = *premises;
         let base = match preset {
             Preset::Light => Self::new(Preset::Full, premises).default_choice(),
             Preset::Follow => follow::base(premises),
             Preset::Full | Preset::Paper => Choice::paper_default(),
         };
-        Self { preset, robust, instanced, lights, base, space, about, held: Vec::new() }
+        Self { preset, robust, lights, base, space, about, held: Vec::new() }
     }
 
     /// Table 1.
@@ -147,19 +144,16 @@ impl TuningSpace {
 
     /// The name that distinguishes it from other spaces, e.g. `full-robust`.
     pub fn name(&self) -> String {
-        let mark = |holds: bool, mark: &'static str| if holds { mark } else { "" };
-        if self.preset == Preset::Light {
-            return format!("{}{}", self.preset.name(), self.lights.mark());
+        match self.preset {
+            Preset::Light => self.preset.name().to_owned() + &self.lights.mark(),
+            Preset::Full | Preset::Follow if self.robust => format!("{}-robust", self.preset.name()),
+            _ => self.preset.name().to_owned(),
         }
-        let full = self.preset == Preset::Full;
-        let robust = mark(self.robust && (full || self.preset == Preset::Follow), "-robust");
-        let instanced = mark(self.instanced && full, "-instanced");
-        format!("{}{robust}{instanced}", self.preset.name())
     }
 
     fn premises(&self) -> Premises {
-        let Self { robust, instanced, lights, .. } = *self;
-        Premises { builds_each_frame: true, robust, instanced, lights }
+        let Self { robust, lights, .. } = *self;
+        Premises { builds_each_frame: true, robust, lights }
     }
 
     /// Which one it is.

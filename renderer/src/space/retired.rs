@@ -25,6 +25,8 @@ const RETIRED: &[(&str, &[&str])] = &[
     ("rebuild_threshold", &["1.3"]),
     ("native_update", &["refit"]),
     ("native_dynamic", &["false"]),
+    ("flatten_below", &["0"]),
+    ("instance_opening", &["1"]),
     ("native_layout", &["auto"]),
 ];
 

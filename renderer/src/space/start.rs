@@ -88,7 +88,7 @@ mod tests {
     #[test]
     fn each_start_is_what_its_name_says_and_changes_nothing_else() {
         for builds_each_frame in [false, true] {
-            let premises = Premises { builds_each_frame, instanced: false, ..Premises::all() };
+            let premises = Premises { builds_each_frame, ..Premises::all() };
             let space = TuningSpace::new(Preset::Full, &premises);
             let begun = |start: &Start| space.beginning_at(start).expect("it is one of the space");
             assert_eq!(begun(&Start::Recommended), space);

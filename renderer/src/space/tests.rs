@@ -95,8 +95,7 @@ fn every_value_of_table_1_arrives() {
 fn every_value_of_the_full_space_arrives() {
     let full = full();
     let text = "quality=3,node_width=16,max_depth=40,sah_block_size=8,min_leaf_size=2,max_leaf_size=9,traversal_cost=2,\
-                split_budget=1.5,block_width=8,collapse=optimal,reinsertion_passes=7,\
-                flatten_below=10000,instance_opening=4";
+                split_budget=1.5,block_width=8,collapse=optimal,reinsertion_passes=7";
     let expected = TreeParameters {
         quality: Quality::SahSplit,
         branching_factor: 16,
@@ -109,8 +108,6 @@ fn every_value_of_the_full_space_arrives() {
         block_width: 8,
         collapse: Collapse::Optimal,
         reinsertion_passes: 7,
-        flatten_below: 10_000,
-        instance_opening: 4,
         ..TreeParameters::default()
     };
     assert_eq!(tree(&full, text), expected);

@@ -288,13 +288,11 @@ mod tests {
 
     #[test]
     fn all_scenes_share_a_study_of_an_objective_and_a_space() {
-        let space = |robust, instanced| {
-            TuningSpace::new(Preset::Full, &Premises { robust, instanced, ..Premises::all() })
-        };
-        assert_eq!(study_id(Objective::Render, &space(false, false)), "render-full-3");
-        assert_eq!(study_id(Objective::Total, &space(true, true)), "total-full-robust-instanced-3");
+        let space = |robust| TuningSpace::new(Preset::Full, &Premises { robust, ..Premises::all() });
+        assert_eq!(study_id(Objective::Render, &space(false)), "render-full-3");
+        assert_eq!(study_id(Objective::Total, &space(true)), "total-full-robust-3");
         assert_eq!(study_id(Objective::Total, &TuningSpace::paper()), "total-paper");
-        assert_eq!(space_in_ids(&space(false, true)), "full-instanced-3");
+        assert_eq!(space_in_ids(&space(true)), "full-robust-3");
     }
 
     #[test]

@@ -1,16 +1,15 @@
-//! The parts of placed objects in the leaves of the upper level of two.
+//! The placed objects in the leaves of the upper level of two.
 
 use super::NodeRef;
 use crate::instances::Instance;
 
-/// A part of a placed object: where in the object's tree a ray goes on, and how it gets into the object's
-/// space. One cache line.
+/// A placed object: where a ray goes on, and how it gets into the object's space. One cache line.
 #[derive(Clone, Copy, Debug)]
 #[repr(C, align(64))]
 pub(crate) struct PlacedPart {
     /// From the world to the object, by row: three factors and the translation.
     pub(crate) to_object: [[f32; 4]; 3],
-    /// Root or any node or leaf of the object's tree.
+    /// Root of the object's tree.
     pub(crate) node: NodeRef,
     pub(crate) object: u32,
     /// Number of the instance.
@@ -25,7 +24,7 @@ unsafe impl Send for PlacedPart {}
 unsafe impl Sync for PlacedPart {}
 
 impl PlacedPart {
-    /// The part below `node` of an object's tree, as `instance` places it.
+    /// An object with the root `node`, as `instance` places it.
     pub(crate) fn new(instance: &Instance, number: u32, node: NodeRef) -> Self {
         let (linear, moved) = (instance.to_object.matrix3, instance.to_object.translation);
         let row = |axis: usize| [linear.x_axis[axis], linear.y_axis[axis], linear.z_axis[axis], moved[axis]];

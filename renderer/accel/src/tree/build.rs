@@ -149,7 +149,7 @@ fn sketched(
 }
 
 /// Box of the triangles below a node or leaf, from it alone.
-pub(super) fn bounds_below(node: NodeRef, parameters: &TreeParameters, triangles: &Triangles) -> Bounds {
+fn bounds_below(node: NodeRef, parameters: &TreeParameters, triangles: &Triangles) -> Bounds {
     fn of_children<N: TreeNode>(node: NodeRef) -> Bounds {
         // SAFETY: the builder, or `write`, made this node of the kind `N`, and its memory lives.
         let node = unsafe { node.node::<N>() };

@@ -1,11 +1,6 @@
-//! The upper level of two: a tree over placed objects, or parts of them.
-//!
-//! Its leaves hold one part each, because each part costs a walk of its own. Objects whose boxes overlap are
-//! opened, the largest first: the object's nodes are placed instead of the object, so that a ray enters only
-//! nodes that it comes near to. That is partial re-braiding (Benthin, Woop, Wald and Afra, "Improved
-//! Two-Level BVHs using Partial Re-Braiding", 2017), done before the build instead of during it.
+//! The upper level of two: a tree over placed objects. Its leaves hold one object each, because each object
+//! costs a walk of its own.
 
-use std::collections::BinaryHeap;
 use std::sync::Arc;
 
 use rayon::prelude::*;
@@ -14,7 +9,7 @@ use super::Tree;
 use super::arena::Arena;
 use super::binary::BinaryTree;
 use super::collapse::collapse;
-use super::outline::{Outline, by_size};
+use super::outline::Outline;
 use super::plan::Plan;
 use super::reinsertion::optimise;
 use super::top::binary_over;
@@ -27,12 +22,6 @@ use crate::parameters::{Collapse, TreeParameters};
 use crate::traverse::placed::{Lower, Object};
 use crate::traverse::{Isa, Kernels, LEVEL_WIDTH, LevelKernels};
 
-/// Nodes of an object's tree that decide how tight its boxes in the world are.
-const OUTLINE: usize = 64;
-
-/// Least number of instances that the decision how many to open assumes.
-const INSTANCES_MIN: usize = 64;
-
 /// The upper level and what lies below it. It refers to the objects' trees.
 #[derive(Debug)]
 pub(super) struct Level {
@@ -41,7 +30,6 @@ pub(super) struct Level {
     pub(super) kernels: LevelKernels,
     parts: usize,
     nodes: usize,
-    depth: u32,
     upper: Option<Upper>,
 }
 
@@ -49,7 +37,6 @@ pub(super) struct Level {
 #[derive(Debug)]
 struct Upper {
     outlines: Vec<Outline>,
-    seeds: Vec<Seed>,
     plan: Plan,
     /// The boxes that a ray met when it was built, see [`Plan::boxes_met`].
     boxes_met: f64,
@@ -71,16 +58,6 @@ pub(super) struct Below<'a> {
 
 /// An object in a place, with its number as an instance.
 pub(super) type Place = (u32, Instance);
-
-/// A part under construction.
-#[derive(Clone, Copy, Debug)]
-struct Seed {
-    /// Number of the place.
-    place: usize,
-    /// Number in the object's outline.
-    part: usize,
-    bounds: Bounds,
-}
 
 impl Items for &[PlacedPart] {
     type Item = PlacedPart;
@@ -105,7 +82,6 @@ impl Level {
             kernels,
             parts: 0,
             nodes: 0,
-            depth: 0,
             upper: None,
         }
     }
@@ -121,17 +97,16 @@ impl Level {
         let objects =
             below.iter().map(|object| Object { root: object.tree.root.clone(), first: object.first });
         level.lower.objects = objects.collect();
-        let outlines = outlines(below, places, parameters);
-        let seeds = seeds(&outlines, places, parameters);
-        if seeds.is_empty() {
+        if places.is_empty() {
             return Ok(level);
         }
-        let plan = plan(&seeds, parameters);
-        let (memory, node) = written(&outlines, &seeds, &plan, places)?;
+        let outlines = outlines(below, parameters);
+        let plan = plan(&boxes(&outlines, places), parameters);
+        let (memory, node) = written(&level.lower, &plan, places)?;
         level.root = Root { node, bounds: plan.root.bounds, triangles: Arc::default() };
-        (level.parts, level.nodes, level.depth) = (seeds.len(), plan.nodes(), plan.depth);
+        (level.parts, level.nodes) = (places.len(), plan.nodes());
         let boxes_met = plan.boxes_met();
-        level.upper = Some(Upper { outlines, seeds, plan, boxes_met, _memory: memory });
+        level.upper = Some(Upper { outlines, plan, boxes_met, _memory: memory });
         Ok(level)
     }
 
@@ -142,13 +117,12 @@ impl Level {
         let Some(upper) = &mut self.upper else {
             return false;
         };
-        let (outlines, seeds) = (&upper.outlines, &mut upper.seeds);
-        seeds.par_iter_mut().for_each(|seed| *seed = placed(outlines, places, seed.place, seed.part));
-        upper.plan.fit(|number| seeds[number as usize].bounds);
+        let boxes = boxes(&upper.outlines, places);
+        upper.plan.fit(|number| boxes[number as usize]);
         if upper.plan.boxes_met() > most * upper.boxes_met {
             return false;
         }
-        let Ok((memory, node)) = written(outlines, seeds, &upper.plan, places) else {
+        let Ok((memory, node)) = written(&self.lower, &upper.plan, places) else {
             return false;
         };
         self.root = Root { node, bounds: upper.plan.root.bounds, triangles: Arc::default() };
@@ -184,75 +158,28 @@ impl Level {
 }
 
 /// Nodes and leaves in memory, and the root's place.
-fn written(
-    outlines: &[Outline],
-    seeds: &[Seed],
-    plan: &Plan,
-    places: &[Place],
-) -> Result<(Arena, NodeRef), BuildError> {
-    let part = |seed: &Seed| {
-        let (number, instance) = &places[seed.place];
-        PlacedPart::new(instance, *number, outlines[instance.object as usize].node(seed.part))
+fn written(lower: &Lower, plan: &Plan, places: &[Place]) -> Result<(Arena, NodeRef), BuildError> {
+    let part = |(number, instance): &Place| {
+        PlacedPart::new(instance, *number, lower.objects[instance.object as usize].root.node)
     };
-    let parts: Vec<PlacedPart> = seeds.iter().map(part).collect();
+    let parts: Vec<PlacedPart> = places.iter().map(part).collect();
     write::<Node<LEVEL_WIDTH>, _>(plan, &parts.as_slice())
 }
 
-/// A part of an object in its place.
-fn placed(outlines: &[Outline], places: &[Place], place: usize, part: usize) -> Seed {
-    let instance = &places[place].1;
-    let bounds = finite(outlines[instance.object as usize].placed(part, &instance.to_world));
-    Seed { place, part, bounds }
+/// The box around each object in its place.
+fn boxes(outlines: &[Outline], places: &[Place]) -> Vec<Bounds> {
+    let around =
+        |(_, instance): &Place| finite(outlines[instance.object as usize].placed(&instance.to_world));
+    places.par_iter().map(around).collect()
 }
 
-/// The upper parts of all objects' trees. One that is placed once may be opened as far as all others
-/// together.
-fn outlines(below: &[Below<'_>], places: &[Place], parameters: &TreeParameters) -> Vec<Outline> {
-    let mut times = vec![0usize; below.len()];
-    for (_, instance) in places {
-        times[instance.object as usize] += 1;
-    }
-    let opened = parts_most(places.len(), parameters);
-    let outline = |(object, times): (&Below<'_>, &usize)| {
-        let most = if *times == 1 { opened.max(OUTLINE) } else { OUTLINE };
+/// The upper parts of all objects' trees.
+fn outlines(below: &[Below<'_>], parameters: &TreeParameters) -> Vec<Outline> {
+    let outline = |object: &Below<'_>| {
         // SAFETY: the tree is of this kind of node and borrowed.
-        for_node!(parameters, N => unsafe { Outline::of::<N>(&object.tree.root, most) })
+        for_node!(parameters, N => unsafe { Outline::of::<N>(&object.tree.root) })
     };
-    below.par_iter().zip(&times).map(outline).collect()
-}
-
-/// The most parts of `places` places.
-fn parts_most(places: usize, parameters: &TreeParameters) -> usize {
-    places + (parameters.instance_opening as usize - 1) * places.max(INSTANCES_MIN)
-}
-
-/// One part a place, and more of those that are worth it.
-fn seeds(outlines: &[Outline], places: &[Place], parameters: &TreeParameters) -> Vec<Seed> {
-    let seed = |place: usize, part: usize| placed(outlines, places, place, part);
-    let mut seeds: Vec<Seed> = (0..places.len()).into_par_iter().map(|place| seed(place, 0)).collect();
-    let most = parts_most(places.len(), parameters);
-    if seeds.len() < most {
-        let sizes = seeds.iter().enumerate().map(|(number, seed)| (by_size(&seed.bounds), number));
-        let mut closed: BinaryHeap<(u64, usize)> = sizes.collect();
-        while seeds.len() < most {
-            let Some((_, number)) = closed.pop() else {
-                break;
-            };
-            let Seed { place, part, .. } = seeds[number];
-            let mut children = outlines[places[place].1.object as usize].children(part);
-            // One child takes its parent's place, the others come behind all.
-            let Some(first) = children.next() else {
-                continue;
-            };
-            seeds[number] = seed(place, first);
-            closed.push((by_size(&seeds[number].bounds), number));
-            for child in children {
-                closed.push((0, seeds.len()));
-                seeds.push(seed(place, child));
-            }
-        }
-    }
-    seeds
+    below.par_iter().map(outline).collect()
 }
 
 /// Boxes so far out that they overflow end where numbers do: the heuristic has to calculate with them.
@@ -266,12 +193,11 @@ fn finite(bounds: Bounds) -> Bounds {
     }
 }
 
-/// The wide tree over the parts.
-fn plan(seeds: &[Seed], parameters: &TreeParameters) -> Plan {
-    let boxes: Vec<Bounds> = seeds.iter().map(|seed| seed.bounds).collect();
+/// The wide tree over the objects' boxes.
+fn plan(boxes: &[Bounds], parameters: &TreeParameters) -> Plan {
     let one_each =
         TreeParameters { min_leaf_size: 1, max_leaf_size: 1, sah_block_size: 1, ..TreeParameters::default() };
-    let mut tree: BinaryTree = binary_over(&boxes);
+    let mut tree: BinaryTree = binary_over(boxes);
     let passes = if parameters.collapse == Collapse::Optimal { parameters.reinsertion_passes } else { 0 };
     if passes > 0 {
         let mut better = tree.clone();

@@ -9,7 +9,6 @@ mod callbacks;
 mod clusters;
 mod collapse;
 mod emit;
-mod flat;
 mod grow;
 mod level;
 mod morton;

@@ -1,4 +1,4 @@
-//! The upper part of a tree, for the code that places or opens it.
+//! The upper part of a tree, for tight boxes around where it is placed.
 
 use std::collections::BinaryHeap;
 
@@ -7,80 +7,55 @@ use glam::Affine3A;
 use super::top::transformed;
 use crate::layout::{Bounds, NodeRef, Root, TreeNode};
 
-/// A node or leaf near the root.
-#[derive(Clone, Copy, Debug)]
-struct Part {
-    node: NodeRef,
-    bounds: Bounds,
-    /// Where its children begin in the outline, and how many they are; none if they are not in it.
-    first: u32,
-    count: u32,
-}
+/// Nodes of an object's tree that decide how tight its boxes in the world are.
+const PARTS: usize = 64;
 
-/// The largest nodes of a tree, the root first.
+/// The boxes of the largest nodes of a tree of which none is below another; together they hold all triangles.
 #[derive(Debug)]
 pub(super) struct Outline {
-    parts: Vec<Part>,
+    boxes: Vec<Bounds>,
 }
 
-// SAFETY: the references are read by `Outline::of` alone, which borrows their tree; after that they are only
-// handed on.
-unsafe impl Send for Outline {}
-// SAFETY: as above.
-unsafe impl Sync for Outline {}
-
 /// Areas order like their bits, for they are not below zero.
-pub(super) fn by_size(bounds: &Bounds) -> u64 {
+fn by_size(bounds: &Bounds) -> u64 {
     bounds.half_area().max(0.0).to_bits()
 }
 
 impl Outline {
-    /// Takes in nodes, the largest first, until there are `most`.
+    /// Opens nodes, the largest first, until there are [`PARTS`].
     ///
     /// # Safety
     /// The root is that of a tree of nodes `N`, which lives.
-    pub(super) unsafe fn of<N: TreeNode>(root: &Root, most: usize) -> Self {
-        let part = |bounds, node| Part { node, bounds, first: 0, count: 0 };
-        let mut parts = vec![part(root.bounds, root.node)];
+    pub(super) unsafe fn of<N: TreeNode>(root: &Root) -> Self {
+        let mut parts: Vec<(Bounds, NodeRef)> = vec![(root.bounds, root.node)];
         let mut closed = BinaryHeap::from([(by_size(&root.bounds), 0)]);
-        while parts.len() < most {
+        while parts.len() < PARTS {
             let Some((_, number)) = closed.pop() else {
                 break;
             };
-            let node: NodeRef = parts[number].node;
+            let (_, node) = parts[number];
             if node.is_leaf() {
                 continue;
             }
             // SAFETY: the caller vouches for the tree.
             let inner = unsafe { node.node::<N>() };
-            (parts[number].first, parts[number].count) = (parts.len() as u32, inner.count() as u32);
             for child in 0..inner.count() {
-                let bounds = inner.child_bounds(child);
-                closed.push((by_size(&bounds), parts.len()));
-                parts.push(part(bounds, inner.children()[child]));
+                let part = (inner.child_bounds(child), inner.children()[child]);
+                // One child takes its parent's place, the others come behind all.
+                let place = if child == 0 { number } else { parts.len() };
+                closed.push((by_size(&part.0), place));
+                match parts.get_mut(place) {
+                    Some(parent) => *parent = part,
+                    None => parts.push(part),
+                }
             }
         }
-        Self { parts }
+        Self { boxes: parts.into_iter().map(|(bounds, _)| bounds).collect() }
     }
 
-    /// The node behind a number; the root's is 0.
-    pub(super) fn node(&self, number: usize) -> NodeRef {
-        self.parts[number].node
-    }
-
-    /// Numbers of a node's children, as far as they are in the outline.
-    pub(super) fn children(&self, number: usize) -> std::ops::Range<usize> {
-        let Part { first, count, .. } = self.parts[number];
-        first as usize..(first + count) as usize
-    }
-
-    /// A box around the triangles below a node after `by`. It encloses the boxes farthest down, each of which
-    /// is turned by itself, so it is tighter than the turned box of the node.
-    pub(super) fn placed(&self, number: usize, by: &Affine3A) -> Bounds {
-        let children = self.children(number);
-        if children.is_empty() {
-            return transformed(&self.parts[number].bounds, by);
-        }
-        children.map(|child| self.placed(child, by)).fold(Bounds::EMPTY, Bounds::union)
+    /// A box around the triangles after `by`. Each box is turned by itself, so it is tighter than the turned
+    /// box of the whole.
+    pub(super) fn placed(&self, by: &Affine3A) -> Bounds {
+        self.boxes.iter().map(|one| transformed(one, by)).fold(Bounds::EMPTY, Bounds::union)
     }
 }

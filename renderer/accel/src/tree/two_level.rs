@@ -3,33 +3,25 @@
 //! Memory goes with the unique triangles. A ray walks the upper level; where it meets an instance's box it is
 //! taken into the object's space and given to the object's own kernel (`traverse::placed`). The idea is as
 //! old as Kay and Kajiya's "Ray Tracing Complex Scenes" (1986); the arrangement is Wald, Benthin and
-//! Slusallek's "Distributed Interactive Ray Tracing of Dynamic Scenes" (2003). Small objects can be copied
-//! into the world instead (`flat`), and are then one more object.
+//! Slusallek's "Distributed Interactive Ray Tracing of Dynamic Scenes" (2003).
 
-use std::collections::{HashMap, HashSet};
 use std::sync::Arc;
 
-use glam::Affine3A;
-
-use super::flat::{Flat, copied, flattened, in_the_world};
 use super::level::{Below, Level, Place};
 use super::{Tree, TreeFault, TreeStatistics};
 use crate::embree::Device;
 use crate::error::BuildError;
-use crate::geometry::{Hit, Intersector, NO_INSTANCE, Packets, Ray, Triangles};
+use crate::geometry::{Hit, Intersector, Packets, Ray, Triangles};
 use crate::instances::Instances;
-use crate::layout::Bounds;
+use crate::layout::{Bounds, Root};
 use crate::parameters::{TreeParameters, Update};
 use crate::traverse::Isa;
 
 /// Trees of our own under a tree over their instances.
 #[derive(Debug)]
 pub struct TwoLevel {
-    /// By object; empty ones for objects that nothing places, or that were copied into the world.
+    /// By object; empty ones for objects that nothing places.
     objects: Vec<Tree>,
-    /// Which objects were copied.
-    flattened: Vec<bool>,
-    flat: Option<Box<Flat>>,
     instances: Arc<Instances>,
     /// Triangles of all objects, placed or not.
     triangles: usize,
@@ -49,19 +41,13 @@ impl TwoLevel {
         parameters: &TreeParameters,
     ) -> Result<Self, BuildError> {
         parameters.check()?;
-        let mut flattened = flattened(instances, parameters);
-        let flat = Flat::build(device, triangles, instances, &flattened, parameters)?.map(Box::new);
-        if flat.is_none() {
-            flattened.fill(false);
-        }
-        let objects = parts(triangles, instances, &flattened)
+        let objects = instances
+            .parts(triangles)
             .map(|part| Tree::build(device, &Arc::new(part), parameters))
             .collect::<Result<Vec<_>, _>>()?;
         let isa = Isa::detect();
         let mut two_level = Self {
             objects,
-            flattened,
-            flat,
             instances: Arc::clone(instances),
             triangles: triangles.len(),
             parameters: *parameters,
@@ -77,25 +63,19 @@ impl TwoLevel {
         *self.level = Level::empty(self.isa, &self.parameters);
         let ranges = self.instances.objects();
         let below = self.objects.iter().zip(ranges);
-        let mut below: Vec<Below<'_>> =
-            below.map(|(tree, range)| Below { tree, first: range.start }).collect();
-        below.extend(self.flat.as_ref().map(|flat| Below { tree: &flat.tree, first: 0 }));
+        let below: Vec<Below<'_>> = below.map(|(tree, range)| Below { tree, first: range.start }).collect();
         *self.level = Level::build(&below, &self.places(), self.isa, &self.parameters)?;
         Ok(())
     }
 
-    /// The places of objects that have triangles; last, in the world itself, that of the copied ones.
+    /// The places of objects that have triangles.
     fn places(&self) -> Vec<Place> {
         let is_there = |bounds: Bounds| bounds.lower[0] <= bounds.upper[0];
-        let mut places: Vec<Place> = (0..)
+        (0..)
             .zip(self.instances.placed())
             .filter(|(_, instance)| is_there(self.objects[instance.object as usize].bounds()))
             .map(|(number, instance)| (number, *instance))
-            .collect();
-        if self.flat.as_ref().is_some_and(|flat| is_there(flat.bounds())) {
-            places.push((NO_INSTANCE, in_the_world(self.objects.len())));
-        }
-        places
+            .collect()
     }
 
     /// Updates the trees of objects that move, then the upper level; see
@@ -111,26 +91,12 @@ impl TwoLevel {
         update.check()?;
         let instances = self.instances.followed_by(instances)?;
         let (mut outcome, mut rest) = (Ok(()), true);
-        let mut follow = |tree: &mut Tree, now: Triangles| {
+        for (tree, now) in self.objects.iter_mut().zip(instances.parts(triangles)) {
             if !tree.rests(&now, update) {
                 rest = false;
                 // All trees must be of one moment, also after an error of one of them.
-                let followed = tree.update(device, &Arc::new(now), update);
-                if outcome.is_ok() {
-                    outcome = followed;
-                }
+                outcome = outcome.and(tree.update(device, &Arc::new(now), update));
             }
-        };
-        if let Some(flat) = &mut self.flat {
-            let Some(copied) = copied(triangles, &instances, &self.flattened) else {
-                // They have left the coordinates that copies may have.
-                *self = Self::build(device, triangles, &instances, &self.parameters)?;
-                return Ok(());
-            };
-            follow(&mut flat.tree, copied);
-        }
-        for (tree, part) in self.objects.iter_mut().zip(parts(triangles, &instances, &self.flattened)) {
-            follow(tree, part);
         }
         self.instances = instances;
         let most = match update {
@@ -143,7 +109,7 @@ impl TwoLevel {
         if is_fitted { outcome } else { self.join().and(outcome) }
     }
 
-    /// The objects' trees; empty ones for those that nothing places, or that were copied into the world.
+    /// The objects' trees; empty ones for those that nothing places.
     pub fn objects(&self) -> &[Tree] {
         &self.objects
     }
@@ -153,25 +119,17 @@ impl TwoLevel {
     pub fn with_isa(mut self, isa: Isa) -> Option<Self> {
         let with = |tree: Tree| tree.with_isa(isa);
         self.objects = self.objects.into_iter().map(with).collect::<Option<Vec<_>>>()?;
-        if let Some(flat) = self.flat {
-            let Flat { tree, numbers } = *flat;
-            self.flat = Some(Box::new(Flat { tree: with(tree)?, numbers }));
-        }
         self.isa = isa;
         self.join().ok()?;
         Some(self)
     }
 
-    fn trees(&self) -> impl Iterator<Item = &Tree> {
-        self.objects.iter().chain(self.flat.as_ref().map(|flat| &flat.tree))
-    }
-
-    /// Sums over both levels. The cost is that of the whole: the upper level's nodes, and below each placed
-    /// part that of its tree with the probability that its box is hit.
+    /// Sums over both levels. The cost is that of the whole: the upper level's nodes, and below each instance
+    /// that of its tree with the probability that its box is hit.
     pub fn statistics(&self) -> TreeStatistics {
         let mut sum = TreeStatistics { bytes: self.level.bytes(), ..TreeStatistics::default() };
-        for tree in self.trees() {
-            let of_tree = tree.statistics();
+        let of_trees: Vec<TreeStatistics> = self.objects.iter().map(Tree::statistics).collect();
+        for of_tree in &of_trees {
             sum.nodes += of_tree.nodes;
             sum.leaves += of_tree.leaves;
             sum.bytes += of_tree.bytes;
@@ -184,7 +142,7 @@ impl TwoLevel {
             let share = if root_area > 0.0 { bounds.half_area() / root_area } else { 1.0 };
             depth = depth.max(at);
             match part {
-                Some(part) => sum.sah_cost += share * self.tree(part.object).cost_below(part.node),
+                Some(part) => sum.sah_cost += share * of_trees[part.object as usize].sah_cost,
                 None => {
                     sum.nodes += 1;
                     sum.sah_cost += share;
@@ -195,67 +153,37 @@ impl TwoLevel {
         sum
     }
 
-    /// By the number that the upper level has for it.
-    fn tree(&self, object: u32) -> &Tree {
-        let copied = || &self.flat.as_ref().expect("what is no object's is the copied tree").tree;
-        self.objects.get(object as usize).unwrap_or_else(copied)
-    }
-
-    /// Checks every object's tree, and that the upper level holds every part of every instance of something
-    /// once, in a box that covers it.
+    /// Checks every object's tree, and that the upper level holds every instance of something once, in a box
+    /// that covers it.
     pub fn validate(&self) -> Result<(), TreeFault> {
-        self.trees().try_for_each(Tree::validate)?;
-        let mut parts: HashMap<(u32, u32), HashSet<usize>> = HashMap::new();
+        self.objects.iter().try_for_each(Tree::validate)?;
+        let placed = self.instances.placed();
+        let mut times = vec![0; placed.len()];
         let mut fault = None;
         self.level.walk(&mut |_, bounds, part| {
             let Some(part) = part else {
                 return;
             };
-            let of_place = parts.entry((part.instance, part.object)).or_default();
-            let is_new = of_place.insert(part.node.into_raw().addr());
-            let instance = self.instances.placed().get(part.instance as usize);
-            let to_world = instance.map_or(Affine3A::IDENTITY, |instance| instance.to_world);
-            let mut is_covered = true;
-            self.tree(part.object).corners_below(part.node, &mut |corner| {
-                let at = to_world.transform_point3a(corner).to_array();
-                is_covered &= bounds.contains(&Bounds { lower: at, upper: at });
-            });
-            if !is_new || !is_covered {
+            let instance = &placed[part.instance as usize];
+            let Root { node, triangles, .. } = &self.objects[instance.object as usize].root;
+            times[part.instance as usize] += 1;
+            let corners = (0..triangles.len()).flat_map(|triangle| triangles.corners(triangle));
+            let is_covered = corners
+                .map(|corner| instance.to_world.transform_point3a(corner).to_array())
+                .all(|at| bounds.contains(&Bounds { lower: at, upper: at }));
+            let is_its_own = part.object == instance.object && part.node.into_raw() == node.into_raw();
+            if !is_its_own || !is_covered {
                 fault = Some(TreeFault::Instance { instance: part.instance });
             }
         });
-        let placed = (0..).zip(self.instances.placed()).map(|(number, instance)| (number, instance.object));
-        let copied = self.flat.as_ref().map(|_| (NO_INSTANCE, self.objects.len() as u32));
-        for (number, object) in placed.chain(copied) {
-            let parts = parts.entry((number, object)).or_default();
-            if !self.tree(object).is_covered(parts) {
+        for ((number, instance), times) in (0..).zip(placed).zip(times) {
+            let triangles = &self.objects[instance.object as usize].root.triangles;
+            if times != usize::from(!triangles.is_empty()) {
                 fault = Some(TreeFault::Instance { instance: number });
             }
         }
         fault.map_or(Ok(()), Err)
     }
-
-    /// A hit in the copied tree becomes one in the instance it was copied from.
-    #[inline]
-    fn numbered(&self, hit: Hit) -> Hit {
-        match &self.flat {
-            Some(flat) if hit.instance == NO_INSTANCE => {
-                let (triangle, instance) = flat.numbers[hit.triangle as usize];
-                Hit { triangle, instance, ..hit }
-            }
-            _ => hit,
-        }
-    }
-}
-
-/// The triangles of each object that is placed and not copied, numbered from 0 again; none for the others.
-fn parts<'a>(
-    triangles: &'a Triangles,
-    instances: &'a Instances,
-    flattened: &'a [bool],
-) -> impl Iterator<Item = Triangles> + 'a {
-    let none = |(part, &flattened): (Triangles, &bool)| if flattened { part.part(0..0) } else { part };
-    instances.parts(triangles).zip(flattened).map(none)
 }
 
 impl Intersector for TwoLevel {
@@ -263,8 +191,7 @@ impl Intersector for TwoLevel {
     fn closest(&self, ray: &Ray) -> Option<Hit> {
         let Level { root, lower, kernels, .. } = &*self.level;
         // SAFETY: the level was built over these trees, and its kernels and theirs selected for them.
-        let hit = unsafe { kernels.closest(root, lower, ray) };
-        hit.map(|hit| self.numbered(hit))
+        unsafe { kernels.closest(root, lower, ray) }
     }
 
     #[inline]
@@ -278,11 +205,6 @@ impl Intersector for TwoLevel {
         let Level { root, lower, kernels, .. } = &*self.level;
         // SAFETY: as above.
         unsafe { kernels.closest_each(root, lower, packets, rays, hits) };
-        if self.flat.is_some() {
-            for hit in hits {
-                *hit = hit.map(|hit| self.numbered(hit));
-            }
-        }
     }
 
     fn occluded_each(&self, packets: Packets, rays: &[Ray], occluded: &mut [bool]) {
@@ -294,7 +216,7 @@ impl Intersector for TwoLevel {
 
 #[cfg(test)]
 mod tests {
-    use glam::{Quat, Vec3, Vec3A};
+    use glam::{Affine3A, Quat, Vec3, Vec3A};
 
     use super::*;
 

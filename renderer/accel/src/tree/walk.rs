@@ -1,12 +1,6 @@
 //! Visits every node and leaf of a tree once, for statistics and checks.
 
-use std::collections::HashSet;
-
-use glam::Vec3A;
-
 use super::Tree;
-use super::build::bounds_below;
-use super::refit::measure;
 use crate::layout::{Block, Bounds, NodeRef, Root, TreeNode, for_block, for_node};
 
 /// A node or leaf met on the walk. `bounds` is its box in the parent; the root has depth 0. `reach` is the
@@ -31,47 +25,6 @@ impl Tree {
         let Root { node, bounds, .. } = self.root;
         let place = Place { node, bounds, reach: bounds, depth: 0 };
         for_node!(self.parameters, N => for_block!(self.parameters, B => step::<N, B>(place, visit)));
-    }
-}
-
-/// For the upper level of two, which may place any node of a tree.
-impl Tree {
-    /// Expected cost of a ray that hits the box of one of its nodes or leaves.
-    pub(super) fn cost_below(&self, node: NodeRef) -> f64 {
-        let bounds = bounds_below(node, &self.parameters, &self.root.triangles);
-        for_node!(self.parameters, N => for_block!(self.parameters, B => {
-            // SAFETY: the caller has the node from this tree, which is borrowed.
-            unsafe { measure::<N, B>(node, bounds) }.cost()
-        }))
-    }
-
-    /// Calls `visit` for the corners of every triangle below one of its nodes or leaves.
-    pub(super) fn corners_below(&self, node: NodeRef, visit: &mut impl FnMut(Vec3A)) {
-        let bounds = bounds_below(node, &self.parameters, &self.root.triangles);
-        let place = Place { node, bounds, reach: bounds, depth: 0 };
-        let each = &mut |met: Met<'_>| {
-            if let Met::Leaf { numbers, .. } = met {
-                let corners = numbers.iter().flat_map(|&number| self.root.triangles.corners(number as usize));
-                corners.for_each(&mut *visit);
-            }
-        };
-        for_node!(self.parameters, N => for_block!(self.parameters, B => step::<N, B>(place, each)));
-    }
-
-    /// Whether every way down from the root passes one of these nodes or leaves, given by address.
-    pub(super) fn is_covered(&self, by: &HashSet<usize>) -> bool {
-        fn covered<N: TreeNode>(node: NodeRef, by: &HashSet<usize>) -> bool {
-            if by.contains(&node.into_raw().addr()) {
-                return true;
-            }
-            if node.is_leaf() {
-                return false;
-            }
-            // SAFETY: the reference came from a tree of such nodes, which is borrowed.
-            let inner = unsafe { node.node::<N>() };
-            inner.children()[..inner.count()].iter().all(|&child| covered::<N>(child, by))
-        }
-        self.root.triangles.is_empty() || for_node!(self.parameters, N => covered::<N>(self.root.node, by))
     }
 }
 

@@ -530,7 +530,7 @@ mod tests {
 
     #[test]
     fn fits_to_what_moves_are_not_taken_for_builds() {
-        let full = TuningSpace::new(Preset::Full, &Premises { instanced: false, ..Premises::all() });
+        let full = TuningSpace::new(Preset::Full, &Premises::all());
         let id = |space: &TuningSpace, start, moves| study_of_flight(Objective::Total, space, &start, moves);
         assert_eq!(id(&full, Start::Recommended, false), study_id(Objective::Total, &full));
         assert_eq!(id(&full, Start::Recommended, true), "total-full-3-moving");
