@@ -14,7 +14,7 @@ use super::binary::BinaryTree;
 use super::callbacks;
 use super::collapse::collapse;
 use super::emit::emit;
-use super::grow::{Callbacks, EmbreeMemory, grow};
+use super::grow::{Callbacks, EmbreeMemory, grow, references};
 use super::occlusion::sort_children;
 use super::plan::Plan;
 use super::ploc::Ploc;
@@ -90,8 +90,9 @@ fn build_in_place(
     }
     let callbacks = for_node!(parameters, N => for_block!(parameters, B => of_nodes::<N, B>()));
     let memory = EmbreeMemory::new(device)?;
+    let primitives = references(triangles.len(), parameters, box_of(triangles))?;
     // SAFETY: the callbacks are of the width of these parameters' nodes.
-    let root = unsafe { grow(&memory, triangles, parameters, &callbacks)? };
+    let root = unsafe { grow(&memory, triangles, primitives, parameters, &callbacks)? };
     Ok((Memory::Embree(memory), NodeRef::from_raw(root)))
 }
 
@@ -109,7 +110,27 @@ fn plan(device: &Device, triangles: &Triangles, parameters: &TreeParameters) -> 
         sah_block_size: 1,
         ..*parameters
     };
-    Ok(collapsed(sketched(device, triangles, &binary)?, parameters))
+    let tree = sketched(device, triangles, triangles.len(), box_of(triangles), &binary)?;
+    Ok(collapsed(tree, parameters))
+}
+
+/// The wide tree over some boxes, at least one, after some passes of optimisation. Each leaf has the number
+/// of one box.
+pub(super) fn plan_over(
+    device: &Device,
+    boxes: &[Bounds],
+    branching_factor: u32,
+    reinsertion_passes: u32,
+) -> Result<Plan, BuildError> {
+    let one_each =
+        TreeParameters { max_depth: *MAX_DEPTH.end(), max_leaf_size: 1, ..TreeParameters::default() };
+    let tree = sketched(device, &Triangles::default(), boxes.len(), |number| boxes[number], &one_each)?;
+    Ok(collapsed(tree, &TreeParameters { branching_factor, reinsertion_passes, ..one_each }))
+}
+
+/// The box of each triangle, by number.
+fn box_of(triangles: &Triangles) -> impl Fn(usize) -> Bounds + Sync {
+    move |number| Bounds::of_corners(&triangles.corners(number))
 }
 
 /// The wide tree of least cost, after optimisation.
@@ -123,11 +144,13 @@ fn collapsed(mut tree: BinaryTree, parameters: &TreeParameters) -> Plan {
     }
 }
 
-/// The binary tree of single triangles that Embree's builder sketches with these parameters, which ask for
-/// one.
+/// The binary tree of single boxes, those of `triangles` where the builder splits, that Embree's builder
+/// sketches with these parameters, which ask for one.
 fn sketched(
     device: &Device,
     triangles: &Triangles,
+    count: usize,
+    bounds: impl Fn(usize) -> Bounds + Sync,
     parameters: &TreeParameters,
 ) -> Result<BinaryTree, BuildError> {
     let callbacks = Callbacks {
@@ -137,15 +160,17 @@ fn sketched(
         create_leaf: Some(sketch::create_leaf),
     };
     let memory = EmbreeMemory::new(device)?;
+    let primitives = references(count, parameters, &bounds)?;
     // SAFETY: the callbacks are for nodes of two children.
-    let root = SketchRef::from_raw(unsafe { grow(&memory, triangles, parameters, &callbacks)? });
+    let root = unsafe { grow(&memory, triangles, primitives, parameters, &callbacks)? };
+    let root = SketchRef::from_raw(root);
     // SAFETY: the build succeeded, and its memory lives.
-    let bounds = match unsafe { root.follow() } {
+    let around = match unsafe { root.follow() } {
         Sketched::Node(node) => node.children().map(|(bounds, _)| bounds).fold(Bounds::EMPTY, Bounds::union),
-        Sketched::Leaf(number) => Bounds::of_corners(&triangles.corners(number as usize)),
+        Sketched::Leaf(number) => bounds(number as usize),
     };
     // SAFETY: as above.
-    Ok(unsafe { BinaryTree::from_sketch(root, bounds) })
+    Ok(unsafe { BinaryTree::from_sketch(root, around) })
 }
 
 /// Box of the triangles below a node or leaf, from it alone.

@@ -56,17 +56,18 @@ pub(super) struct Callbacks {
     pub(super) create_leaf: ffi::RTCCreateLeafFunction,
 }
 
-/// Runs the builder over at least one triangle and gives the root, as the callbacks made it, in `memory`.
+/// Runs the builder over at least one of the [`references`] and gives the root, as the callbacks made it, in
+/// `memory`. Builders that split, and callbacks that fill leaves, take them for `triangles`.
 ///
 /// # Safety
 /// The callbacks take a [`Context`] and nodes of `parameters.branching_factor` children.
 pub(super) unsafe fn grow(
     memory: &EmbreeMemory,
     triangles: &Triangles,
+    mut primitives: Vec<ffi::RTCBuildPrimitive>,
     parameters: &TreeParameters,
     callbacks: &Callbacks,
 ) -> Result<*mut c_void, BuildError> {
-    let mut primitives = references(triangles, parameters)?;
     let context = Context::new(triangles, parameters.robust);
     let arguments = ffi::RTCBuildArguments {
         byteSize: size_of::<ffi::RTCBuildArguments>(),
@@ -126,13 +127,13 @@ pub(super) unsafe fn grow(
     }
 }
 
-/// One box a triangle, with spare room behind them where the builder splits. The coordinates are finite
-/// by the invariant of [`Triangles`]; a NaN here would spoil other triangles' nodes without an error.
-fn references(
-    triangles: &Triangles,
+/// The boxes to build over, with spare room behind them where the builder splits. Coordinates must be finite:
+/// a NaN here would spoil other nodes without an error.
+pub(super) fn references(
+    count: usize,
     parameters: &TreeParameters,
+    bounds: impl Fn(usize) -> Bounds + Sync,
 ) -> Result<Vec<ffi::RTCBuildPrimitive>, BuildError> {
-    let count = triangles.len();
     let capacity = match parameters.quality {
         Quality::SahSplit => (count as f64 * f64::from(parameters.split_budget)).ceil() as usize,
         Quality::Morton | Quality::Sah => count,
@@ -142,8 +143,8 @@ fn references(
     (0..count)
         .into_par_iter()
         .with_min_len(REFERENCES_PER_TASK)
-        .map(|triangle| {
-            let Bounds { lower, upper } = Bounds::of_corners(&triangles.corners(triangle));
+        .map(|number| {
+            let Bounds { lower, upper } = bounds(number);
             ffi::RTCBuildPrimitive {
                 lower_x: lower[0],
                 lower_y: lower[1],
@@ -152,7 +153,7 @@ fn references(
                 upper_x: upper[0],
                 upper_y: upper[1],
                 upper_z: upper[2],
-                primID: triangle as u32,
+                primID: number as u32,
             }
         })
         .collect_into_vec(&mut primitives);

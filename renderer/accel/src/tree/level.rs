@@ -7,13 +7,11 @@ use rayon::prelude::*;
 
 use super::Tree;
 use super::arena::Arena;
-use super::binary::BinaryTree;
-use super::collapse::collapse;
+use super::build::plan_over;
 use super::outline::Outline;
 use super::plan::Plan;
-use super::reinsertion::optimise;
-use super::top::binary_over;
 use super::write::{Items, write};
+use crate::embree::Device;
 use crate::error::BuildError;
 use crate::instances::Instance;
 use crate::layout::{Bounds, Node, NodeRef, PlacedPart, Root, TreeNode, for_node};
@@ -88,6 +86,7 @@ impl Level {
 
     /// Builds over objects in their places; an instance's number of an object is that in `below`.
     pub(super) fn build(
+        device: &Device,
         below: &[Below<'_>],
         places: &[Place],
         isa: Isa,
@@ -101,7 +100,7 @@ impl Level {
             return Ok(level);
         }
         let outlines = outlines(below, parameters);
-        let plan = plan(&boxes(&outlines, places), parameters);
+        let plan = plan(device, &boxes(&outlines, places), parameters)?;
         let (memory, node) = written(&level.lower, &plan, places)?;
         level.root = Root { node, bounds: plan.root.bounds, triangles: Arc::default() };
         (level.parts, level.nodes) = (places.len(), plan.nodes());
@@ -194,20 +193,9 @@ fn finite(bounds: Bounds) -> Bounds {
 }
 
 /// The wide tree over the objects' boxes.
-fn plan(boxes: &[Bounds], parameters: &TreeParameters) -> Plan {
-    let one_each =
-        TreeParameters { min_leaf_size: 1, max_leaf_size: 1, sah_block_size: 1, ..TreeParameters::default() };
-    let mut tree: BinaryTree = binary_over(boxes);
+fn plan(device: &Device, boxes: &[Bounds], parameters: &TreeParameters) -> Result<Plan, BuildError> {
     let passes = if parameters.collapse == Collapse::Optimal { parameters.reinsertion_passes } else { 0 };
-    if passes > 0 {
-        let mut better = tree.clone();
-        optimise(&mut better, passes);
-        let plan = collapse::<LEVEL_WIDTH>(&better, &one_each);
-        // Moved subtrees may come to lie deeper than the walks have room for.
-        if plan.depth <= *MAX_DEPTH.end() {
-            return plan;
-        }
-    }
-    tree.renumber();
-    collapse::<LEVEL_WIDTH>(&tree, &one_each)
+    let plan = plan_over(device, boxes, LEVEL_WIDTH as u32, passes)?;
+    // Moved subtrees may come to lie deeper than the walks have room for.
+    if plan.depth <= *MAX_DEPTH.end() { Ok(plan) } else { plan_over(device, boxes, LEVEL_WIDTH as u32, 0) }
 }

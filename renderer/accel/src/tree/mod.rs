@@ -23,7 +23,6 @@ mod reinsertion;
 mod sketch;
 mod split;
 mod statistics;
-mod top;
 mod two_level;
 mod validate;
 mod walk;

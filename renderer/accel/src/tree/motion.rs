@@ -18,11 +18,9 @@ use rayon::prelude::*;
 
 use super::Tree;
 use super::arena::Arena;
-use super::collapse::collapse;
+use super::build::plan_over;
 use super::plan::{Named, Plan};
 use super::refit::{Fitted, blocks_of, measure, refit};
-use super::reinsertion::optimise;
-use super::top::binary_over;
 use crate::embree::Device;
 use crate::error::BuildError;
 use crate::geometry::Triangles;
@@ -167,7 +165,7 @@ impl Tree {
             self.root.node = motion.subtrees[0].node;
         }
         if cost > threshold * motion.cost_above
-            && let Some(node) = motion.regroup::<N>(&fitted, parameters.max_depth)
+            && let Some(node) = motion.regroup::<N>(device, &fitted, parameters.max_depth)
         {
             self.root.node = node;
             // SAFETY: as above; the nodes are new.
@@ -225,12 +223,17 @@ impl Motion {
     /// Makes new nodes above the subtrees, from where their boxes are now, and gives the root. `None`, and
     /// nothing changed, where there is nothing above, leaves would come to lie deeper than `max_depth`, or
     /// there is no memory.
-    fn regroup<N: TreeNode>(&mut self, fitted: &[Fitted], max_depth: u32) -> Option<NodeRef> {
+    fn regroup<N: TreeNode>(
+        &mut self,
+        device: &Device,
+        fitted: &[Fitted],
+        max_depth: u32,
+    ) -> Option<NodeRef> {
         if self.above.is_empty() {
             return None;
         }
         let boxes: Vec<Bounds> = fitted.iter().map(|fitted| fitted.bounds).collect();
-        let plan = plan_above::<N>(&boxes);
+        let plan = plan_over(device, &boxes, N::WIDTH as u32, PASSES_ABOVE).ok()?;
         let depths = depths(&plan, self.subtrees.len());
         let is_deep = |(depth, fitted): (&u32, &Fitted)| depth + fitted.height > max_depth;
         if depths.iter().zip(fitted).any(is_deep) {
@@ -296,20 +299,6 @@ impl Motion {
             boxes.iter().chain(fitted.iter().map(|fitted| &fitted.bounds)).map(Bounds::half_area).sum();
         let own = whole.half_area();
         (whole, if own > 0.0 { area / own } else { 1.0 })
-    }
-}
-
-/// The wide tree over these boxes, two or more; each leaf has the number of one.
-fn plan_above<N: TreeNode>(boxes: &[Bounds]) -> Plan {
-    let one_each =
-        TreeParameters { min_leaf_size: 1, max_leaf_size: 1, sah_block_size: 1, ..TreeParameters::default() };
-    let mut tree = binary_over(boxes);
-    optimise(&mut tree, PASSES_ABOVE);
-    match N::WIDTH {
-        2 => collapse::<2>(&tree, &one_each),
-        4 => collapse::<4>(&tree, &one_each),
-        8 => collapse::<8>(&tree, &one_each),
-        _ => collapse::<WIDTH_MAX>(&tree, &one_each),
     }
 }
 
@@ -437,8 +426,9 @@ mod tests {
             .collect();
         let above = motion.above.len();
         assert!(
-            motion.regroup::<crate::layout::Node<2>>(&fitted, 5).is_none() && motion.above.len() == above
+            motion.regroup::<crate::layout::Node<2>>(&device, &fitted, 5).is_none()
+                && motion.above.len() == above
         );
-        assert!(motion.regroup::<crate::layout::Node<2>>(&fitted, depth + 20).is_some());
+        assert!(motion.regroup::<crate::layout::Node<2>>(&device, &fitted, depth + 20).is_some());
     }
 }

@@ -27,6 +27,7 @@ pub struct TwoLevel {
     triangles: usize,
     parameters: TreeParameters,
     isa: Isa,
+    device: Device,
     /// Refers to the trees above.
     level: Box<Level>,
 }
@@ -52,6 +53,7 @@ impl TwoLevel {
             triangles: triangles.len(),
             parameters: *parameters,
             isa,
+            device: device.clone(),
             level: Box::new(Level::empty(isa, parameters)),
         };
         two_level.join()?;
@@ -64,7 +66,7 @@ impl TwoLevel {
         let ranges = self.instances.objects();
         let below = self.objects.iter().zip(ranges);
         let below: Vec<Below<'_>> = below.map(|(tree, range)| Below { tree, first: range.start }).collect();
-        *self.level = Level::build(&below, &self.places(), self.isa, &self.parameters)?;
+        *self.level = Level::build(&self.device, &below, &self.places(), self.isa, &self.parameters)?;
         Ok(())
     }
 
