@@ -71,7 +71,8 @@ impl Items for &[PlacedPart] {
 
 impl Level {
     /// Without anything in it.
-    pub(super) fn empty(isa: Isa, parameters: &TreeParameters) -> Self {
+    pub(super) fn empty(parameters: &TreeParameters) -> Self {
+        let isa = Isa::detect();
         let kernels = LevelKernels::select(isa, parameters.robust).expect("the instruction set was detected");
         let of_objects = Kernels::select(isa, parameters).expect("the parameters were checked");
         Self {
@@ -89,10 +90,9 @@ impl Level {
         device: &Device,
         below: &[Below<'_>],
         places: &[Place],
-        isa: Isa,
         parameters: &TreeParameters,
     ) -> Result<Self, BuildError> {
-        let mut level = Self::empty(isa, parameters);
+        let mut level = Self::empty(parameters);
         let objects =
             below.iter().map(|object| Object { root: object.tree.root.clone(), first: object.first });
         level.lower.objects = objects.collect();

@@ -73,11 +73,6 @@ unsafe impl Send for Tree {}
 unsafe impl Sync for Tree {}
 
 impl Tree {
-    /// The parameters it was built with.
-    pub fn parameters(&self) -> &TreeParameters {
-        &self.parameters
-    }
-
     /// The box around all triangles.
     pub(crate) fn bounds(&self) -> Bounds {
         self.root.bounds

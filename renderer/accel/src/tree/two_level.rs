@@ -15,7 +15,6 @@ use crate::geometry::{Hit, Intersector, Packets, Ray, Triangles};
 use crate::instances::Instances;
 use crate::layout::{Bounds, Root};
 use crate::parameters::{TreeParameters, Update};
-use crate::traverse::Isa;
 
 /// Trees of our own under a tree over their instances.
 #[derive(Debug)]
@@ -26,7 +25,6 @@ pub struct TwoLevel {
     /// Triangles of all objects, placed or not.
     triangles: usize,
     parameters: TreeParameters,
-    isa: Isa,
     device: Device,
     /// Refers to the trees above.
     level: Box<Level>,
@@ -46,15 +44,13 @@ impl TwoLevel {
             .parts(triangles)
             .map(|part| Tree::build(device, &Arc::new(part), parameters))
             .collect::<Result<Vec<_>, _>>()?;
-        let isa = Isa::detect();
         let mut two_level = Self {
             objects,
             instances: Arc::clone(instances),
             triangles: triangles.len(),
             parameters: *parameters,
-            isa,
             device: device.clone(),
-            level: Box::new(Level::empty(isa, parameters)),
+            level: Box::new(Level::empty(parameters)),
         };
         two_level.join()?;
         Ok(two_level)
@@ -62,11 +58,11 @@ impl TwoLevel {
 
     /// Builds the upper level over the trees as they are. After an error there is none, and rays miss.
     fn join(&mut self) -> Result<(), BuildError> {
-        *self.level = Level::empty(self.isa, &self.parameters);
+        *self.level = Level::empty(&self.parameters);
         let ranges = self.instances.objects();
         let below = self.objects.iter().zip(ranges);
         let below: Vec<Below<'_>> = below.map(|(tree, range)| Below { tree, first: range.start }).collect();
-        *self.level = Level::build(&self.device, &below, &self.places(), self.isa, &self.parameters)?;
+        *self.level = Level::build(&self.device, &below, &self.places(), &self.parameters)?;
         Ok(())
     }
 
@@ -109,21 +105,6 @@ impl TwoLevel {
         let places = self.places();
         let is_fitted = rest && most.is_some_and(|most| self.level.fit(&places, most));
         if is_fitted { outcome } else { self.join().and(outcome) }
-    }
-
-    /// The objects' trees; empty ones for those that nothing places.
-    pub fn objects(&self) -> &[Tree] {
-        &self.objects
-    }
-
-    /// These trees walked by another instruction set's kernels, or `None` if the processor lacks it.
-    /// For tests and measurements.
-    pub fn with_isa(mut self, isa: Isa) -> Option<Self> {
-        let with = |tree: Tree| tree.with_isa(isa);
-        self.objects = self.objects.into_iter().map(with).collect::<Option<Vec<_>>>()?;
-        self.isa = isa;
-        self.join().ok()?;
-        Some(self)
     }
 
     /// Sums over both levels. The cost is that of the whole: the upper level's nodes, and below each instance
