@@ -1,91 +1,29 @@
 //! Trees of every builder give right answers, on kind and on nasty scenes.
 
-use std::sync::Arc;
-
 use glam::{Vec3, Vec3A};
 use rand::RngExt;
-use treewright_accel::{
-    BruteForce, BuildChoice, Builder, Collapse, Intersector, Quality, Ray, TreeParameters, Triangles, build,
-};
+use treewright_accel::{BruteForce, Intersector, Ray, TreeParameters};
 
 mod scenes;
 
-use scenes::back_ends::{self, device, each_isa, tree};
-use scenes::verdict::{hold, verdicts};
-
-/// Every kind of node, of block and of test, and every builder.
-fn parameters() -> Vec<TreeParameters> {
-    let mut all = back_ends::trees();
-    // The optimal collapse of every width and builder, and our own builder with every radius, with more and
-    // less reinsertion.
-    let qualities = [Quality::Morton, Quality::Sah, Quality::SahSplit, Quality::Sah];
-    for (number, quality) in (0..).zip(qualities) {
-        for builder in [Builder::Embree, Builder::Ploc] {
-            all.push(TreeParameters {
-                quality,
-                branching_factor: 2 << number,
-                collapse: Collapse::Optimal,
-                builder,
-                search_radius: 4 << number,
-                cluster_size: 1 << number,
-                reinsertion_passes: 2 * number,
-                block_width: if number % 2 == 0 { 8 } else { 4 },
-                max_depth: 64,
-                min_leaf_size: 1 + number,
-                max_leaf_size: 12,
-                sah_block_size: 4,
-                robust: number == 1,
-                ..TreeParameters::default()
-            });
-        }
-    }
-    all
-}
-
-/// Asks every kind of tree, and native scenes, about every ray.
-fn all_agree(name: &str, triangles: &Arc<Triangles>, rays: &[Ray]) {
-    let verdicts = verdicts(name, triangles, rays, 50);
-    for parameters in parameters() {
-        let tree = tree(triangles, &parameters);
-        tree.validate().unwrap_or_else(|fault| panic!("{name}, {parameters:?}: {fault}"));
-        each_isa(tree, |isa, tree| hold(&format!("{name}, {isa:?}, {parameters:?}"), tree, rays, &verdicts));
-    }
-    for options in back_ends::native_kinds() {
-        let native = build(&device(), triangles, &BuildChoice::Native(options)).expect("it builds");
-        hold(&format!("{name}, {options:?}"), &native, rays, &verdicts);
-    }
-}
+use scenes::back_ends::{all_trees, each_isa, tree};
+use scenes::verdict::check;
 
 #[test]
-fn random_triangles() {
-    all_agree("small", &scenes::soup(600, 0.1, 1), &scenes::rays(600, 2));
-    all_agree("large", &scenes::soup(300, 1.0, 3), &scenes::rays(600, 4));
-}
-
-#[test]
-fn a_connected_surface() {
-    all_agree("hills", &scenes::hills(20), &scenes::rays(600, 5));
-}
-
-#[test]
-fn needles() {
-    all_agree("needles", &scenes::needles(300, 6), &scenes::rays(600, 7));
-}
-
-#[test]
-fn boxes_along_the_axes() {
-    all_agree("city", &scenes::city(5, 8), &scenes::rays(600, 9));
-}
-
-#[test]
-fn everything_in_one_plane() {
-    all_agree("flat", &scenes::surface(16, |_, _| 0.25), &scenes::rays(600, 10));
-}
-
-#[test]
-fn one_triangle() {
+fn ordinary_scenes() {
     let one = [Vec3A::new(-1.0, -1.0, 0.0), Vec3A::new(1.0, -1.0, 0.3), Vec3A::new(0.0, 1.0, 0.0)];
-    all_agree("one", &scenes::separate([one]), &scenes::rays(300, 12));
+    let scenes = [
+        ("small random triangles", scenes::soup(600, 0.1, 1), scenes::rays(600, 2)),
+        ("large random triangles", scenes::soup(300, 1.0, 3), scenes::rays(600, 4)),
+        ("a connected surface", scenes::hills(20), scenes::rays(600, 5)),
+        ("needles", scenes::needles(300, 6), scenes::rays(600, 7)),
+        ("boxes along the axes", scenes::city(5, 8), scenes::rays(600, 9)),
+        ("everything in one plane", scenes::surface(16, |_, _| 0.25), scenes::rays(600, 10)),
+        ("one triangle", scenes::separate([one]), scenes::rays(300, 12)),
+    ];
+    for (name, triangles, rays) in scenes {
+        check(name, &triangles, &rays, 50);
+    }
 }
 
 /// Through a closed surface no ray may slip: not between triangles, not through corners.
@@ -111,7 +49,7 @@ fn robust_trees_are_watertight() {
             Ray { origin, direction: target - origin, t_min: 0.0, t_max: f32::INFINITY }
         })
         .collect();
-    for parameters in parameters().into_iter().filter(|parameters| parameters.robust) {
+    for parameters in all_trees().into_iter().filter(|parameters| parameters.robust) {
         each_isa(tree(&triangles, &parameters), |isa, tree| {
             for ray in &rays {
                 assert!(tree.closest(ray).is_some(), "{isa:?}, {parameters:?}: {ray:?} slips through");

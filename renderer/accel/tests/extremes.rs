@@ -12,13 +12,7 @@ use treewright_accel::{
 mod scenes;
 
 use scenes::back_ends::{self, device, each};
-use scenes::verdict::{Verdict, hold, verdicts};
-
-/// Asks every back end about every ray.
-fn check(name: &str, triangles: &Arc<Triangles>, rays: &[Ray], clear: usize) {
-    let verdicts = verdicts(name, triangles, rays, clear);
-    each(triangles, |what, structure| hold(&format!("{name}, {what}"), structure, rays, &verdicts));
-}
+use scenes::verdict::{Verdict, check};
 
 /// Rays from a sphere around a point towards points near it.
 fn towards(center: Vec3, from: f32, near: f32, count: usize, seed: u64) -> Vec<Ray> {

@@ -5,8 +5,8 @@
 use std::sync::Arc;
 
 use treewright_accel::{
-    BuildChoice, Collapse, Device, Hit, Intersector, Isa, NativeOptions, NativeQuality, Packets, Quality,
-    Ray, Structure, Tree, TreeParameters, Triangles, build,
+    BuildChoice, Builder, Collapse, Device, Hit, Intersector, Isa, NativeOptions, NativeQuality, Packets,
+    Quality, Ray, Structure, Tree, TreeParameters, Triangles, build,
 };
 
 /// The device of all tests.
@@ -85,6 +85,34 @@ pub(crate) fn trees() -> Vec<TreeParameters> {
     all
 }
 
+/// These, the optimal collapse of every width and builder, and our own builder with every radius, with more
+/// and less reinsertion.
+pub(crate) fn all_trees() -> Vec<TreeParameters> {
+    let mut all = trees();
+    let qualities = [Quality::Morton, Quality::Sah, Quality::SahSplit, Quality::Sah];
+    for (number, quality) in (0..).zip(qualities) {
+        for builder in [Builder::Embree, Builder::Ploc] {
+            all.push(TreeParameters {
+                quality,
+                branching_factor: 2 << number,
+                collapse: Collapse::Optimal,
+                builder,
+                search_radius: 4 << number,
+                cluster_size: 1 << number,
+                reinsertion_passes: 2 * number,
+                block_width: if number % 2 == 0 { 8 } else { 4 },
+                max_depth: 64,
+                min_leaf_size: 1 + number,
+                max_leaf_size: 12,
+                sah_block_size: 4,
+                robust: number == 1,
+                ..TreeParameters::default()
+            });
+        }
+    }
+    all
+}
+
 /// Native scenes of every quality and flag.
 pub(crate) fn native_kinds() -> Vec<NativeOptions> {
     let mut all = Vec::new();
@@ -100,7 +128,7 @@ pub(crate) fn native_kinds() -> Vec<NativeOptions> {
 /// Builds over the triangles in every way and hands each structure to `check`, trees once per instruction
 /// set.
 pub(crate) fn each(triangles: &Arc<Triangles>, mut check: impl FnMut(&str, &dyn Intersector)) {
-    for parameters in trees() {
+    for parameters in all_trees() {
         let tree = tree(triangles, &parameters);
         tree.validate().unwrap_or_else(|fault| panic!("{parameters:?}: {fault}"));
         each_isa(tree, |isa, tree| check(&format!("{isa:?}, {parameters:?}"), tree));

@@ -8,8 +8,12 @@
 
 #![allow(dead_code, reason = "each user takes some of it")]
 
+use std::sync::Arc;
+
 use glam::Vec3A;
 use treewright_accel::{Hit, Intersector, Ray, Triangles};
+
+use super::back_ends::each;
 
 /// Roundings that add up in one triple product or box test.
 const ROUNDINGS: f64 = 12.0;
@@ -98,7 +102,7 @@ impl Verdict {
 
 /// Verdicts on rays. At least `clear` of them in a hundred must have one right answer, or they would say
 /// nothing.
-pub(crate) fn verdicts(name: &str, triangles: &Triangles, rays: &[Ray], clear: usize) -> Vec<Verdict> {
+fn verdicts(name: &str, triangles: &Triangles, rays: &[Ray], clear: usize) -> Vec<Verdict> {
     let verdicts: Vec<Verdict> = rays.iter().map(|ray| Verdict::of(triangles, ray)).collect();
     let decided = verdicts.iter().filter(|verdict| verdict.is_clear()).count();
     assert!(decided * 100 >= clear * rays.len(), "{name}: only {decided} of {} rays are clear", rays.len());
@@ -106,8 +110,14 @@ pub(crate) fn verdicts(name: &str, triangles: &Triangles, rays: &[Ray], clear: u
     verdicts
 }
 
+/// Asks every back end about every ray.
+pub(crate) fn check(name: &str, triangles: &Arc<Triangles>, rays: &[Ray], clear: usize) {
+    let verdicts = verdicts(name, triangles, rays, clear);
+    each(triangles, |what, structure| hold(&format!("{name}, {what}"), structure, rays, &verdicts));
+}
+
 /// Holds the answers of a structure against the verdicts on these rays.
-pub(crate) fn hold(what: &str, structure: &dyn Intersector, rays: &[Ray], verdicts: &[Verdict]) {
+fn hold(what: &str, structure: &dyn Intersector, rays: &[Ray], verdicts: &[Verdict]) {
     for (ray, verdict) in rays.iter().zip(verdicts) {
         let objection = verdict
             .objection(structure.closest(ray))
