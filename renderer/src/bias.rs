@@ -73,7 +73,6 @@ struct Square {
     variance: f64,
 }
 
-/// A picture in squares.
 #[derive(Clone, Debug)]
 pub(crate) struct Squares {
     across: usize,
@@ -190,7 +189,6 @@ mod tests {
         Squares::of(halves.each_ref())
     }
 
-    /// A look at a way, and at what is expected of it.
     fn look(expected: Light, way: Light, random: &mut ChaCha8Rng) -> (Squares, Squares) {
         (drawn(way, 4, |_, _| 1.0, random), drawn(expected, 8, |_, _| 1.0, random))
     }

@@ -120,7 +120,6 @@ pub struct FrameNoise {
 }
 
 impl FrameNoise {
-    /// Of two halves.
     pub(crate) fn of(halves: [&Picture; 2], weights: &Weights) -> Self {
         let Noise { relative_variance, standard_error } = Noise::of(halves, weights);
         let samples = f64::from(2 * HALF_SAMPLES);

@@ -23,7 +23,6 @@ struct File {
     lights: Vec<(Value, Value)>,
 }
 
-/// The ground, 20 wide.
 fn ground(camera: Value, yfov: f64, lights: Vec<(Value, Value)>) -> File {
     let corners = [(-10.0, -10.0), (10.0, -10.0), (10.0, 10.0), (-10.0, 10.0)];
     File {

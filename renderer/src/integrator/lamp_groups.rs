@@ -136,7 +136,6 @@ impl LampGroups {
         });
     }
 
-    /// All groups, by number.
     pub(super) fn all(&self) -> &[LampGroup] {
         &self.groups
     }

@@ -41,7 +41,6 @@ const PLAIN_MAX: f32 = 0.8;
 /// Greatest factor on the weight of sampled lamps.
 const GAIN_MAX: f32 = 64.0;
 
-/// Lamps by place.
 #[derive(Clone, Debug)]
 pub(super) struct LampGuide {
     grid: Grid,

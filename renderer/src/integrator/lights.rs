@@ -187,7 +187,6 @@ impl Lights {
         lights
     }
 
-    /// The options of light sampling.
     pub(super) fn sampling(&self) -> LightSampling {
         self.how
     }

@@ -67,7 +67,6 @@ impl Facet {
         }
     }
 
-    /// Number of its material.
     #[inline(always)]
     pub(super) fn material(&self) -> usize {
         (self.a.w.to_bits() & !SMOOTH) as usize

@@ -58,7 +58,6 @@ impl Choice {
     }
 }
 
-/// A complete configuration of Table 1.
 pub(super) fn of_paper(complete: &Configuration) -> Choice {
     let values = Values(complete);
     let mut tree = values.table_1(&TreeParameters::default());
@@ -100,7 +99,6 @@ pub(super) fn of_follow(complete: &Configuration, base: &Choice, premises: &Prem
     Choice { build: follow::build(tree, premises), update, period, ..*base }
 }
 
-/// A complete configuration of the full space.
 pub(super) fn of_full(complete: &Configuration, robust: bool) -> Choice {
     let values = Values(complete);
     let tunable = values.text("backend") == Some(Backend::Tunable.name());

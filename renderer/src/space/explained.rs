@@ -36,7 +36,6 @@ impl Explained {
     }
 }
 
-/// A switch.
 pub(super) fn boolean(name: &str, default: bool, about: &'static str) -> Explained {
     explained(name, Domain::Boolean, default, about)
 }
@@ -52,13 +51,11 @@ pub(super) fn integer(
     explained(name, domain, default, about)
 }
 
-/// A number.
 pub(super) fn float(name: &str, range: RangeInclusive<f64>, default: f64, about: &'static str) -> Explained {
     let domain = Domain::Float { min: *range.start(), max: *range.end(), scale: Scale::Linear };
     explained(name, domain, default, about)
 }
 
-/// One of a few values.
 pub(super) fn choice<V: Into<Value>>(
     name: &str,
     values: impl IntoIterator<Item = V>,

@@ -27,7 +27,6 @@ pub(super) enum KeptTree {
     NativeMedium,
 }
 
-/// The parameters.
 pub(super) fn parameters() -> Vec<Explained> {
     let own = ["quick", "middle", "good"];
     vec![
@@ -60,7 +59,6 @@ pub(super) fn base(premises: &Premises) -> Choice {
     TuningSpace::new(Preset::Full, &Premises { builds_each_frame: true, ..*premises }).default_choice()
 }
 
-/// The build choice of each tree.
 pub(super) fn build(tree: KeptTree, premises: &Premises) -> BuildChoice {
     let native = |quality| {
         let (robust, dynamic) = (premises.robust, true);

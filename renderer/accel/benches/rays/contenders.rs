@@ -17,7 +17,6 @@ use crate::tinybvh::{Tinybvh, Tree};
 /// Name of the tree that the [overview](crate::overview) compares with others.
 pub(crate) const RECOMMENDED: &str = "recommended";
 
-/// The maker of a structure.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) enum Maker {
     /// Embree as it comes.
@@ -28,7 +27,6 @@ pub(crate) enum Maker {
     Peer,
 }
 
-/// A built structure.
 pub(crate) struct Built {
     pub(crate) name: &'static str,
     pub(crate) maker: Maker,

@@ -69,7 +69,6 @@ const QUANTITIES: [Quantity; 5] = [
     ("million single rays a second", |_, _, speed| speed),
 ];
 
-/// All scenes on one number of threads.
 pub(crate) fn table(scenes: &[Scene], threads: usize) -> Table {
     let scenes: Vec<&Scene> = scenes.iter().filter(|scene| scene.threads == threads).collect();
     let mut table = Table::new();

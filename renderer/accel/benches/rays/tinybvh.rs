@@ -71,7 +71,6 @@ impl Tinybvh {
     }
 }
 
-/// A tree of tinybvh.
 pub(crate) struct Tree {
     functions: Arc<Tinybvh>,
     tree: *mut c_void,

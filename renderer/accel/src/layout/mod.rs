@@ -68,7 +68,6 @@ impl NodeRef {
         self.0.addr() == Self::END.0.addr()
     }
 
-    /// A reference to a node.
     pub(crate) fn to_node<N: TreeNode>(node: *mut N) -> Self {
         Self(node.cast())
     }

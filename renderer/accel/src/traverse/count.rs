@@ -50,7 +50,6 @@ fn count(nodes: u64, blocks: u64, bytes: usize) {
     DONE.set(done);
 }
 
-/// Tests of boxes that are counted.
 #[derive(Clone, Copy)]
 struct CountedBoxes<X>(X);
 
@@ -69,7 +68,6 @@ impl<N, X: Boxes<N>> Boxes<N> for CountedBoxes<X> {
     }
 }
 
-/// Tests of blocks that are counted.
 #[derive(Clone, Copy)]
 struct CountedBlocks<T>(T);
 

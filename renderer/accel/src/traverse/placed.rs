@@ -91,7 +91,6 @@ pub(crate) struct LevelTree<'a> {
     pub(crate) occluded: LevelOccluded,
 }
 
-/// A packet in leaves of placed parts.
 pub(crate) struct PacketPlacedLeaves<'a, L> {
     lower: &'a Lower,
     lanes: PhantomData<L>,

@@ -26,7 +26,6 @@ pub(crate) trait Blocks<const B: usize>: Copy {
     unsafe fn any(&self, block: &Block<B>, ray: &Ray, all: &Triangles) -> bool;
 }
 
-/// A ray in leaves of blocks.
 #[derive(Clone, Copy)]
 pub(crate) struct BlockLeaves<'a, T, const B: usize> {
     pub(super) blocks: T,

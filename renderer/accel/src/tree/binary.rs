@@ -74,7 +74,6 @@ impl BinaryNode {
     }
 }
 
-/// The tree.
 #[derive(Clone, Debug)]
 pub(super) struct BinaryTree {
     pub(super) nodes: Vec<BinaryNode>,
@@ -165,7 +164,6 @@ pub(super) trait Subtree: Send + Sized {
 
 /// What a [`Subtree`] is made of.
 pub(super) enum Opened<S> {
-    /// One triangle.
     Leaf(u32),
     /// Two halves.
     Node([S; 2]),

@@ -98,7 +98,6 @@ impl Model {
         (costs, decision)
     }
 
-    /// The costs of a leaf of the binary tree.
     fn of_leaf<const W: usize>(&self, node: &BinaryNode) -> (Costs<W>, Decision) {
         ([self.leaf(node); W], Decision::LEAF)
     }

@@ -22,7 +22,6 @@ const SLAB_MIN: usize = 16 << 10;
 /// Bytes a triangle comes to, with its share of nodes.
 const BYTES_PER_TRIANGLE: usize = 96;
 
-/// Tasks for each thread.
 const TASKS_PER_THREAD: u32 = 8;
 
 /// Fewest triangles that are worth a task of their own.
@@ -49,7 +48,6 @@ struct Emitter<'a> {
     rooms: Mutex<Vec<Room>>,
 }
 
-/// Room of one task.
 struct Room {
     next: *mut u8,
     left: usize,

@@ -14,7 +14,6 @@ use crate::layout::Bounds;
 use crate::limits::TRIANGLES_MAX;
 use crate::memory::wish_for_huge_pages;
 
-/// Bits of a triangle's number.
 const NUMBER_BITS: u32 = TRIANGLES_MAX.ilog2();
 
 /// Bits of the digit by which keys are parted.

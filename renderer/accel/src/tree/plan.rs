@@ -32,7 +32,6 @@ impl Link {
     }
 }
 
-/// A child and its box.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Child {
     pub(super) bounds: Bounds,
@@ -162,17 +161,14 @@ impl Plan {
         self.nodes.len()
     }
 
-    /// Number of leaves.
     pub(super) fn leaves(&self) -> usize {
         self.leaves.len()
     }
 
-    /// The children of a node.
     pub(super) fn children(&self, node: usize) -> &[Child] {
         self.nodes[node].of(&self.children)
     }
 
-    /// The triangles of a leaf.
     pub(super) fn triangles(&self, leaf: usize) -> &[u32] {
         self.leaves[leaf].of(&self.references)
     }

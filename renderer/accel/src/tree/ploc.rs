@@ -33,7 +33,6 @@ const FETCHED_AHEAD: usize = 64;
 struct Joined {
     bounds: Bounds,
     children: [ClusterLink; 2],
-    /// Triangles below.
     triangles: u32,
     /// Whether its triangles are best tested as one leaf.
     is_leaf: bool,
@@ -52,7 +51,6 @@ impl Joined {
     };
 }
 
-/// The tree.
 pub(super) struct Ploc {
     boxes: Vec<Bounds>,
     keys: Vec<Key>,
@@ -387,7 +385,6 @@ pub(super) mod tests {
     use super::super::binary::tests::check;
     use super::*;
 
-    /// Triangles as large as some boxes.
     pub(in crate::tree) fn over(boxes: &[Bounds]) -> Triangles {
         let corners = boxes.iter().flat_map(|bounds| {
             let (lower, upper) = (Vec3A::from_array(bounds.lower), Vec3A::from_array(bounds.upper));

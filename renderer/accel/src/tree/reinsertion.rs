@@ -15,7 +15,6 @@ use super::binary::{BinaryNode, BinaryTree, half_area};
 /// nine tenths of the gain of any number.
 const EARLY_SHARE: usize = 32;
 
-/// The number of early passes.
 const EARLY_PASSES: u32 = 4;
 
 /// In later passes one node of this number does.

@@ -28,7 +28,6 @@ pub(super) trait Items: Sync {
     /// The number of items of a leaf of these numbers.
     fn count(&self, numbers: &[u32]) -> usize;
 
-    /// One of them.
     fn item(&self, numbers: &[u32], index: usize) -> Self::Item;
 }
 

@@ -9,12 +9,10 @@ use treewright_accel::{
     Quality, Ray, Structure, Tree, TreeParameters, Triangles, build,
 };
 
-/// The device of all tests.
 pub(crate) fn device() -> Device {
     Device::open(0).expect("Embree is set up")
 }
 
-/// A tree of ours.
 pub(crate) fn tree(triangles: &Arc<Triangles>, parameters: &TreeParameters) -> Tree {
     match build(&device(), triangles, &BuildChoice::Tree(*parameters)) {
         Ok(Structure::Tree(tree)) => tree,

@@ -13,12 +13,10 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use treewright_accel::{Hit, Ray, Triangles};
 
-/// The generator for a seed.
 pub(crate) fn random(seed: u64) -> ChaCha8Rng {
     ChaCha8Rng::seed_from_u64(seed)
 }
 
-/// A point in the cube from -1 to 1.
 pub(crate) fn in_cube(random: &mut ChaCha8Rng) -> Vec3A {
     Vec3A::new(random.random_range(-1.0..1.0), random.random_range(-1.0..1.0), random.random_range(-1.0..1.0))
 }
@@ -75,7 +73,6 @@ pub(crate) fn surface(side: u32, height: impl Fn(f32, f32) -> f32) -> Arc<Triang
     Arc::new(Triangles::new(positions, indices).expect("the scene is valid"))
 }
 
-/// Rolling hills.
 pub(crate) fn hills(side: u32) -> Arc<Triangles> {
     surface(side, |x, z| 0.1 * (9.0 * x).sin() * (7.0 * z).cos() + 0.02 * (61.0 * x + 13.0 * z).sin())
 }

@@ -58,7 +58,6 @@ macro_rules! columns {
 pub(super) use columns;
 
 columns! {
-    /// A vector of each hit.
     #[derive(Clone, Copy, Debug)]
     pub(super) struct Vectors {
         x: Column,
@@ -113,7 +112,6 @@ columns! {
         density: Column,
     }
 
-    /// Sampled lights.
     #[derive(Clone, Debug)]
     pub(super) struct LightSamples {
         direction: Vectors,

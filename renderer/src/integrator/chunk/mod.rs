@@ -111,7 +111,6 @@ impl Chunk {
         Some(lane)
     }
 
-    /// Shades all hits.
     pub(super) fn shade(&mut self, prepared: &Prepared, needs: Needs) {
         self.isa.run(Passes { lights: &prepared.lights, needs, chunk: self });
     }

@@ -18,7 +18,6 @@ use crate::integrator::vertex::{SHADOW_SHARE, weight_over_density};
 use crate::integrator::{LightSample, Needs};
 use glam::Vec3;
 
-/// All passes.
 pub(super) struct Passes<'a> {
     pub(super) lights: &'a Lights,
     pub(super) needs: Needs,
@@ -189,7 +188,6 @@ fn sample(
     }
 }
 
-/// One of two lights.
 #[inline(always)]
 fn select(first: bool, a: LightSample, b: LightSample) -> LightSample {
     let vector = |a: Vec3, b: Vec3| if first { a } else { b };

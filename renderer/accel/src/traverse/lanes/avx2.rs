@@ -29,7 +29,6 @@ macro_rules! comparisons {
     };
 }
 
-/// Two lanes.
 #[derive(Clone, Copy)]
 pub(crate) struct Two(__m128);
 
@@ -40,7 +39,6 @@ impl Lanes for Two {
     comparisons!(__m128 _mm_cmp_ps _mm_and_ps _mm_or_ps _mm_movemask_ps, 0b11, _mm_setr_epi32(1, 2, 4, 8), _mm_set1_epi32 _mm_and_si128 _mm_cmpeq_epi32 _mm_castsi128_ps _mm_blendv_ps);
 }
 
-/// Four lanes.
 #[derive(Clone, Copy)]
 pub(crate) struct Four(__m128);
 
@@ -51,7 +49,6 @@ impl Lanes for Four {
     comparisons!(__m128 _mm_cmp_ps _mm_and_ps _mm_or_ps _mm_movemask_ps, 0b1111, _mm_setr_epi32(1, 2, 4, 8), _mm_set1_epi32 _mm_and_si128 _mm_cmpeq_epi32 _mm_castsi128_ps _mm_blendv_ps);
 }
 
-/// Eight lanes.
 #[derive(Clone, Copy)]
 pub(crate) struct Eight(__m256);
 

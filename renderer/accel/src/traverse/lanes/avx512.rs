@@ -24,7 +24,6 @@ macro_rules! comparisons {
     };
 }
 
-/// Two lanes.
 #[derive(Clone, Copy)]
 pub(crate) struct Two(pub(super) __m128);
 
@@ -35,7 +34,6 @@ impl Lanes for Two {
     comparisons!(_mm_cmp_ps_mask _mm_mask_blend_ps, u8, 0b11);
 }
 
-/// Four lanes.
 #[derive(Clone, Copy)]
 pub(crate) struct Four(pub(super) __m128);
 
@@ -46,7 +44,6 @@ impl Lanes for Four {
     comparisons!(_mm_cmp_ps_mask _mm_mask_blend_ps, u8, 0b1111);
 }
 
-/// Eight lanes.
 #[derive(Clone, Copy)]
 pub(crate) struct Eight(pub(super) __m256);
 
@@ -57,7 +54,6 @@ impl Lanes for Eight {
     comparisons!(_mm256_cmp_ps_mask _mm256_mask_blend_ps, u8, 0xff);
 }
 
-/// Sixteen lanes.
 #[derive(Clone, Copy)]
 pub(crate) struct Sixteen(pub(super) __m512);
 

@@ -14,7 +14,6 @@ use crate::traverse::lanes::{Lanes, Lanes3, Stored};
 /// # Safety
 /// Both functions require the processor features of `Rays`.
 pub(crate) trait PacketBoxes<N>: Copy {
-    /// One lane a ray.
     type Rays: Lanes;
 
     unsafe fn new(root: &Root, rays: &Bundle) -> Self;
@@ -36,7 +35,6 @@ unsafe fn reciprocal<L: Lanes>(component: L) -> L {
     L::choose(small, L::splat(1.0 / DIVISOR_MIN), L::splat(1.0).div(component))
 }
 
-/// The first lane of each.
 #[inline(always)]
 unsafe fn first<L: Lanes>(of: Lanes3<L>) -> glam::Vec3 {
     let [x, y, z] = of.0;

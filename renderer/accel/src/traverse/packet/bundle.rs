@@ -47,7 +47,6 @@ impl Bundle {
         bundle
     }
 
-    /// One of the rays, with an end.
     #[inline(always)]
     pub(crate) fn ray(&self, lane: usize, t_max: f32) -> Ray {
         let of = |numbers: &[Stored; 3]| {
@@ -128,7 +127,6 @@ impl Bundle {
     }
 }
 
-/// The numbers of a group, and elsewhere that of a lane.
 #[inline(always)]
 unsafe fn filled<L: Lanes>(numbers: &Stored, group: u32, lane: usize) -> Stored {
     Stored::from(L::choose(group, L::load(numbers.0.as_ptr()), L::splat(numbers.0[lane])))

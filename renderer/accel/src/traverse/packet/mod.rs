@@ -47,9 +47,7 @@ const ENTRIES: usize = (*MAX_DEPTH.end() as usize + 1) * (WIDTH_MAX - 1) + 1;
 /// All functions require nodes and leaves of the tree they are given, which lives, and the processor features
 /// they are made for.
 pub(crate) trait PacketLeaves {
-    /// One lane a ray.
     type Rays: Lanes;
-    /// The tree of the leaves.
     type Tree: Copy;
 
     /// Prepares for these rays.
@@ -133,7 +131,6 @@ impl Kinds {
         Self([L::bits(x), L::bits(y), L::bits(z), classes[0], classes[1]])
     }
 
-    /// The rays of `waiting` that are like `first`.
     #[inline(always)]
     fn like(&self, first: usize, waiting: u32) -> u32 {
         let mut group = waiting;

@@ -115,7 +115,6 @@ pub(crate) struct BlockTree<'a> {
     pub(crate) occluded: Option<OccludedBelow>,
 }
 
-/// The rays of a packet in leaves of blocks.
 pub(crate) struct PacketBlockLeaves<'a, L, T, const B: usize> {
     triangles: T,
     /// The triangles of the tree, for their masks.
