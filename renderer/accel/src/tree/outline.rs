@@ -27,7 +27,7 @@ impl Outline {
     /// The root is that of a tree of nodes `N`, which lives.
     pub(super) unsafe fn of<N: TreeNode>(root: &Root) -> Self {
         let mut parts: Vec<(Bounds, NodeRef)> = vec![(root.bounds, root.node)];
-        let mut closed = BinaryHeap::from([(by_size(&root.bounds), 0)]);
+        let mut closed = BinaryHeap::from([(by_size(&root.bounds), 0_usize)]);
         while parts.len() < PARTS {
             let Some((_, number)) = closed.pop() else {
                 break;
