@@ -9,11 +9,12 @@
 //! | `geometry` | the hash of a scene's geometry |
 //! | `json_lines` | records on disk |
 //! | `sessions` | the sums of builds and frames of sessions in which a tree serves some frames |
-//! | `simulated` | parts of the examples' studies |
+//! | `simulated` | parts of the studies of examples and tests |
 //! | `commands` | the program `treewright-lab`: these |
 //!
-//! The examples of this crate measure the tuner without a renderer: searches, predictors, regret
-//! (`cargo run --release -p treewright-lab --example NAME`). Nothing of the product depends on this crate.
+//! The example `gate` compares searches and answers of the tuner, without a renderer, with recorded figures
+//! (`make gate`); `ask_tell` is the tuner for comparisons in other languages. Nothing of the product depends
+//! on this crate.
 
 pub mod commands;
 pub mod converge;

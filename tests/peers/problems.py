@@ -263,7 +263,7 @@ class MadeKernel(Problem):
 
 # As `mocktest_kernel_convolution.json` beside the recorded landscape has them.
 CONVOLUTION = ("block_size_x * block_size_y >= 64", "block_size_x * block_size_y <= 1024", "tile_size_x * tile_size_y < 30")
-# Looked at while the search was made, by this comparison or by `lab/examples/search_quality`.
+# Looked at while the search was made, by this comparison or by an example of the laboratory.
 BBOB_FUNCTIONS = (1, 2, 3, 6, 8, 10, 12, 13, 15, 17, 20, 21)
 # Looked at by neither: no constant was chosen on them.
 BBOB_HELD_OUT = (4, 5, 11, 18, 19, 22, 23, 24)

@@ -4,6 +4,7 @@
 //! `lab/record/gate.json`, seed by seed. It fails where one is worse by more than three standard errors of
 //! the paired differences, or behind a goal that does not move. `-- --record` rewrites the file, after an
 //! improvement or for a release; `-- --add` records figures that it lacks, and leaves the others.
+//! `-- --search NAME` plays the first three suites with that search in place of the model's.
 //!
 //! | suite | figure |
 //! |---|---|
@@ -17,32 +18,23 @@
 //! | table | share of the optimum where 63 % of the configurations cannot be run; infeasible trials; answers of a frozen study |
 //! | machines | regret on two machines with opposite optima, by fingerprint; never worse than studies of their own |
 
-#[path = "../search_quality/grids.rs"]
-#[allow(dead_code)]
-mod grids;
-#[path = "../search_quality/kernels.rs"]
-mod kernels;
-#[path = "../search_quality/problem.rs"]
-mod problem;
-#[path = "../search_quality/run.rs"]
-#[allow(dead_code)]
-mod run;
-#[path = "../search_quality/trees.rs"]
-mod trees;
-#[path = "../reported_gain/world.rs"]
-#[allow(dead_code)]
-mod world;
-
 mod contexts;
 mod functions;
+mod kernels;
+mod problem;
+mod run;
 mod table;
+mod trees;
+mod world;
 
 use std::collections::BTreeMap;
 use std::process::ExitCode;
+use std::sync::OnceLock;
 
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use treewright_core::policy::SearchMethod;
+use treewright_core::words::Word as _;
 
 use problem::Problem;
 use run::Played;
@@ -68,6 +60,9 @@ struct Suite {
     play: fn(u64) -> Figures,
 }
 
+/// The number of suites that play a search alone, the first ones.
+const SEARCHED: usize = 3;
+
 const SUITES: [Suite; 11] = [
     Suite { name: "kernels", seeds: 32, play: |seed| searched(kernels_of(seed), seed) },
     Suite { name: "renderer", seeds: 32, play: |seed| searched(vec![trees::problem(seed)], seed) },
@@ -86,10 +81,25 @@ fn kernels_of(seed: u64) -> Vec<Problem> {
     kernels::KERNELS.iter().chain(&kernels::UNSEEN).map(|name| kernels::problem(name, seed)).collect()
 }
 
+/// Whether an option stands among the arguments.
+fn is_given(option: &str) -> bool {
+    std::env::args().any(|argument| argument == option)
+}
+
+/// The search that the first suites play: the model's, or the one named behind `--search`.
+fn method() -> SearchMethod {
+    static METHOD: OnceLock<SearchMethod> = OnceLock::new();
+    *METHOD.get_or_init(|| {
+        let named = std::env::args().skip_while(|argument| argument != "--search").nth(1);
+        named.map_or(SearchMethod::Model, |name| {
+            SearchMethod::from_word(&name).unwrap_or_else(|| panic!("{name} is no search"))
+        })
+    })
+}
+
 /// Shares of the optimum after each of the marks, and the share of dear trials, as means over problems.
 fn searched(problems: Vec<Problem>, seed: u64) -> Figures {
-    let runs: Vec<Played> =
-        problems.iter().map(|problem| problem.run(SearchMethod::Model, seed, &MARKS)).collect();
+    let runs: Vec<Played> = problems.iter().map(|problem| problem.run(method(), seed, &MARKS)).collect();
     let mean = |of: &dyn Fn(&Played) -> f64| runs.iter().map(of).sum::<f64>() / runs.len() as f64;
     let at = |(place, mark): (usize, &usize)| (format!("at {mark}"), mean(&|run| run.scores[place]));
     let dear = ("dear".to_owned(), -mean(&|run| run.dear));
@@ -98,8 +108,7 @@ fn searched(problems: Vec<Problem>, seed: u64) -> Figures {
 
 /// The true gain of a search with its confirmation; in a flat world the reported gain's distance from zero.
 fn gained(world: World, machine: Machine, seed: u64) -> Figures {
-    let auxiliary = matches!(machine, Machine::Wander);
-    let run = Search { world, machine, trials: 80, confirms: true, auxiliary }.run(seed);
+    let run = Search { world, machine }.run(seed);
     match world {
         World::Flat => vec![("told".to_owned(), -run.reported.abs())],
         World::Bowl => vec![("true gain".to_owned(), run.truth)],
@@ -113,9 +122,9 @@ struct Record {
     figures: BTreeMap<String, BTreeMap<String, Vec<f64>>>,
 }
 
-fn played() -> Record {
+fn played(suites: &[Suite]) -> Record {
     let mut record = Record { version: env!("CARGO_PKG_VERSION").to_owned(), ..Record::default() };
-    for suite in &SUITES {
+    for suite in suites {
         let seeds: Vec<Figures> = (0..suite.seeds).into_par_iter().map(suite.play).collect();
         let figures = record.figures.entry(suite.name.to_owned()).or_default();
         for (name, value) in seeds.into_iter().flatten() {
@@ -145,9 +154,9 @@ fn is_worse(differences: &[f64]) -> bool {
 }
 
 fn main() -> ExitCode {
-    let now = played();
-    let is_given = |option: &str| std::env::args().any(|argument| argument == option);
-    if is_given("--record") || is_given("--add") {
+    let suites = if is_given("--search") { SEARCHED } else { SUITES.len() };
+    let now = played(&SUITES[..suites]);
+    if suites == SUITES.len() && (is_given("--record") || is_given("--add")) {
         let mut now = now;
         if is_given("--add") {
             let before = recorded();
@@ -191,11 +200,12 @@ fn main() -> ExitCode {
         }
     }
     // A fingerprint counts as an indicator does: together must not be worse than apart.
-    let of = |name: &str| &now.figures["machines"][name];
-    let together: Vec<f64> = of("together").iter().zip(of("apart")).map(|(one, two)| one - two).collect();
-    if is_worse(&together) {
-        println!("machines: one study is worse than studies of their own");
-        worse += 1;
+    if let Some(machines) = now.figures.get("machines") {
+        let pairs = machines["together"].iter().zip(&machines["apart"]);
+        if is_worse(&pairs.map(|(one, two)| one - two).collect::<Vec<_>>()) {
+            println!("machines: one study is worse than studies of their own");
+            worse += 1;
+        }
     }
     if worse == 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE }
 }

@@ -13,7 +13,7 @@ use crate::policy::SearchMethod;
 /// The search that `auto` stands for in this version.
 ///
 /// It is one search for all studies. For budgets of 20 to 80 trials it was best on the suites of
-/// `examples/search_quality` for every kind of axes. The exception is one recorded landscape of trees, where
+/// `docs/measurements/searches.md` for every kind of axes. The exception is one recorded landscape of trees, where
 /// Nelder-Mead was level. Studies that ask for `auto` get another one when a later version recommends it.
 const RECOMMENDED: SearchMethod = SearchMethod::Model;
 

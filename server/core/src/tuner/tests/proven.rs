@@ -1,5 +1,5 @@
 //! Reported and exploited gains are proven under noise and changing machines: the tuner's promises in small
-//! worlds whose costs are known. The laboratory's example `reported_gain` measures them at size.
+//! worlds whose costs are known. The laboratory's example `gate` measures them at size.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;

@@ -12,7 +12,6 @@ use treewright_core::space::{Condition, Domain, Parameter, Scale, Space};
 use treewright_core::value::Value;
 use treewright_lab::simulated::share;
 
-use crate::grids::hash;
 use crate::problem::Problem;
 
 pub(crate) const KERNELS: [&str; 3] = ["reduction", "hotspot", "sorting"];
@@ -54,6 +53,15 @@ impl At<'_> {
         let values: Vec<f64> = self.configuration.values().values().map(number).collect();
         1.0 + height * hash(&values, self.seed)
     }
+}
+
+/// A number from 0 to 1 for some values and a seed.
+fn hash(values: &[f64], seed: u64) -> f64 {
+    let mix = values.iter().fold(seed ^ 0x9e37_79b9_7f4a_7c15, |hash, value| {
+        let hash = (hash ^ value.to_bits()).wrapping_mul(0xff51_afd7_ed55_8ccd);
+        hash ^ (hash >> 32)
+    });
+    (mix.wrapping_mul(0xc4ce_b9fe_1a85_ec53) >> 11) as f64 / (1u64 << 53) as f64
 }
 
 /// Distance of a value from the best one, in powers of two.
