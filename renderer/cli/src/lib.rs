@@ -37,7 +37,7 @@ use treewright_accel::Isa;
 
 pub use treewright_client::parse_arguments;
 
-use commands::{animate, bench, best, image, info, play, rays, rounds, sample, tune};
+use commands::{bench, best, image, info, play, rays, rounds, sample, tune};
 use error::CliError;
 use manual::ManualCommand;
 
@@ -94,8 +94,6 @@ enum Command {
     Best(Box<best::Arguments>),
     /// Fly along the camera path, with a configuration from the daemon for each frame.
     Play(Box<play::Arguments>),
-    /// Compare ways to follow a moving scene: rebuild, refit, partial rebuild.
-    Animate(animate::Arguments),
     /// Compare acceleration structures.
     Bench(bench::Arguments),
     /// Record the rays of a frame, for benchmarks of acceleration structures.
@@ -168,7 +166,6 @@ fn run(command: &Command) -> Result<(), CliError> {
         Command::Sample(arguments) => sample::run(arguments),
         Command::Best(arguments) => best::run(arguments),
         Command::Play(arguments) => play::run(arguments),
-        Command::Animate(arguments) => animate::run(arguments),
         Command::Bench(arguments) => bench::run(arguments),
         Command::Rays(arguments) => rays::run(arguments),
         Command::Manual(command) => command.run(<Cli as clap::CommandFactory>::command()),

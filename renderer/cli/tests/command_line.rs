@@ -110,34 +110,18 @@ fn accelerators_are_measured() {
 }
 
 #[test]
-fn moving_scenes_are_followed() {
-    let folder = folder();
-    let path = folder.path();
-    for scene in ["needles", "sea"] {
-        let arguments = "--detail 0.02 --frames 3 --rounds 0.2 --size 24x16 --json a.json";
-        let table = succeeds(path, &format!("animate --scene builtin:{scene} {arguments}"));
-        assert!(table.contains("refit") && table.contains("partial"));
-        let text = std::fs::read(path.join("a.json")).expect("it was written");
-        let animated: serde_json::Value = serde_json::from_slice(&text).expect("it is JSON");
-        let followers = animated["followers"].as_array().expect("there are some");
-        assert_eq!(followers.len(), 4);
-        for follower in followers {
-            assert_eq!(follower["frames"].as_array().map(Vec::len), Some(3));
-            let difference = follower["picture_difference"].as_f64().expect("it is a number");
-            assert!(difference < 1e-3, "{scene}: {} differs by {difference}", follower["update"]);
-        }
-    }
-    let made =
-        succeeds(path, "animate --scene builtin:quick --detail 0.1 --motion swarm --frames 2 --size 24x16");
-    assert!(made.contains("quick-swarm"), "{made}");
-    let crowd = "animate --scene builtin:forest --detail 0.02 --motion crowd --frames 2 --size 24x16";
-    assert!(succeeds(path, crowd).contains("forest-crowd"));
-    fails("animate --scene builtin:quick", USAGE, &["nothing moves", "builtin:sea", "--motion", "explode"]);
-    fails("animate --scene builtin:forest --detail 0.02 --motion sway", FAILED, &["crowd", "--flatten"]);
-    fails("animate --scene builtin:quick --motion fly", USAGE, &["fly", "ripple"]);
-    fails("animate --scene builtin:quick --motion sway --animation 0", USAGE, &["--animation", "sway"]);
-    fails("animate --scene builtin:quick --motion file", FAILED, &["no animation"]);
-    fails("animate --scene builtin:sea --detail 0.02 --animation Walk", FAILED, &["no animation", "Walk"]);
+fn scenes_are_made_to_move_or_refused() {
+    let path = folder();
+    let made = |scene: &str| succeeds(path.path(), &format!("info --detail 0.02 --time 0.3 --scene {scene}"));
+    assert!(made("builtin:quick --motion swarm").contains("quick-swarm"));
+    assert!(made("builtin:forest --motion crowd").contains("forest-crowd"));
+    let still = "play --rounds 1 --scene builtin:quick";
+    fails(still, USAGE, &["nothing moves", "builtin:sea", "--motion", "explode"]);
+    fails("info --scene builtin:forest --detail 0.02 --motion sway", FAILED, &["crowd", "--flatten"]);
+    fails("info --scene builtin:quick --motion fly", USAGE, &["fly", "ripple"]);
+    fails("info --scene builtin:quick --motion sway --animation 0", USAGE, &["--animation", "sway"]);
+    fails("info --scene builtin:quick --motion file", FAILED, &["no animation"]);
+    fails("info --scene builtin:sea --detail 0.02 --animation Walk", FAILED, &["no animation", "Walk"]);
 }
 
 #[test]
@@ -230,7 +214,7 @@ fn help_shows_examples_and_exit_codes() {
     for command in ["image", "info", "scenes", "spaces", "tune", "play", "bench", "converge"] {
         assert!(help.contains(command), "{command}");
     }
-    for command in ["image", "info", "scenes", "spaces", "tune", "play", "animate", "bench", "rays"] {
+    for command in ["image", "info", "scenes", "spaces", "tune", "play", "bench", "rays"] {
         succeeds(folder().path(), &format!("{command} --help"));
     }
 }

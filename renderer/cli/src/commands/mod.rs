@@ -1,6 +1,5 @@
 //! One file for each command of `treewright-render`: its arguments and its work.
 
-pub(crate) mod animate;
 pub(crate) mod bench;
 pub(crate) mod best;
 pub(crate) mod image;
