@@ -50,10 +50,6 @@ pub(super) struct ConditionArguments {
     #[arg(long, value_name = "WIDTHxHEIGHT", default_value = "320x240")]
     size: Size,
 
-    /// Clock for the searches.
-    #[arg(long, value_enum, default_value = "wall")]
-    clock: Clock,
-
     /// Start no measurement after this many seconds.
     #[arg(long, value_name = "S")]
     pub(super) seconds: Option<u64>,
@@ -131,11 +127,10 @@ pub(super) fn space(conditions: &Conditions) -> TuningSpace {
 /// Adds the best configuration of each search at a place after each number of trials in `after`, and at its
 /// end, unless `all` holds it.
 pub(super) fn add_found(record: &Record, place: &Place, after: &[usize], all: &mut Vec<Configuration>) {
-    let clock = record.conditions.clock;
     for search in record.searches.iter().filter(|search| search.place == *place) {
         let Some(objective) = search.minimised() else { continue };
         for trials in after.iter().copied().chain([usize::MAX]) {
-            let found = best_within(search, trials, objective, clock);
+            let found = best_within(search, trials, objective);
             if let Some((found, _)) = found.filter(|(found, _)| !all.contains(&found.configuration)) {
                 all.push(found.configuration.clone());
             }
@@ -160,7 +155,7 @@ impl ConditionArguments {
             threads,
             size: [self.size.width, self.size.height],
             bounces: BOUNCES,
-            clock: self.clock,
+            clock: Clock::Wall,
             iterations: self.iterations,
             cameras: self.cameras,
             seed: SEED,

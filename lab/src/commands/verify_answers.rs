@@ -95,7 +95,7 @@ impl Examined {
         let mut by_objective = Vec::new();
         for objective in &objectives {
             let searches = searches(&record, *objective, &complete);
-            let school = School::new(space.space(), *objective, record.conditions.clock, searches)?;
+            let school = School::new(space.space(), *objective, searches)?;
             let answered: Result<Vec<_>, CliError> =
                 parted.par_iter().map(|fold| Ok((fold.clone(), school.answers(fold)?))).collect();
             by_objective.push(answered?);

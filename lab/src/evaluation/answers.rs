@@ -29,7 +29,7 @@ use treewright_renderer::tuning::objective::Objective;
 use treewright_renderer::tuning::workload;
 
 use super::folds::Fold;
-use super::record::{Clock, Place, Search};
+use super::record::{Place, Search, cost};
 
 /// The entrant that is taught the last iteration of each search alone.
 pub(crate) const RBF_LAST: &str = "rbf_greedy_gq, last iteration";
@@ -68,7 +68,6 @@ pub(crate) struct School<'a> {
     space: &'a Space,
     schema: IndicatorSchema,
     objective: Objective,
-    clock: Clock,
     searches: BTreeMap<&'a Place, &'a Search>,
     /// A completed trial of no matter what, whose configuration and result are replaced.
     template: Trial,
@@ -79,7 +78,6 @@ impl<'a> School<'a> {
     pub(crate) fn new(
         space: &'a Space,
         objective: Objective,
-        clock: Clock,
         searches: impl Iterator<Item = &'a Search>,
     ) -> Result<Self, CliError> {
         let schema = workload::schema()
@@ -88,7 +86,7 @@ impl<'a> School<'a> {
         let schema = IndicatorSchema::new(schema).map_err(|error| CliError::Failed(error.to_string()))?;
         let searches: BTreeMap<&Place, &Search> = searches.map(|search| (&search.place, search)).collect();
         let template = template(space, &schema, &searches)?;
-        Ok(Self { space, schema, objective, clock, searches, template })
+        Ok(Self { space, schema, objective, searches, template })
     }
 
     fn normalised(&self, search: &Search) -> Result<Vec<f64>, CliError> {
@@ -100,7 +98,7 @@ impl<'a> School<'a> {
         let mut lessons = Vec::with_capacity(search.iterations.len());
         for iteration in &search.iterations {
             let verdict = match (&iteration.outcome, &iteration.times) {
-                (Outcome::Ok, Some(times)) => self.clock.cost(self.objective, times).map(Verdict::Cost),
+                (Outcome::Ok, Some(times)) => Some(Verdict::Cost(cost(self.objective, times))),
                 (Outcome::Infeasible { .. }, _) => Some(Verdict::Infeasible),
                 _ => None,
             };
@@ -365,7 +363,7 @@ mod tests {
         let tried: Vec<_> = tried.into_iter().map(|(one, ms)| (one.clone(), Some(ms))).collect();
         let searches = [("hall", 1e5), ("annex", 1.001e5)]
             .map(|(scene, triangles)| Search { state: state(triangles), ..testing::search(scene, &tried) });
-        let school = School::new(whole.space(), Objective::Render, Clock::Wall, searches.iter());
+        let school = School::new(whole.space(), Objective::Render, searches.iter());
         let school = school.expect("it is one");
         let [hall, annex] = ["hall", "annex"].map(testing::place);
         let examined = |teach: Vec<Place>| {

@@ -7,7 +7,7 @@
 //! in shared rounds with the answers, and that measurement counts here. The single measurement, which is the
 //! paper's roofline, stands beside it. Those rounds also hold the default, the best fixed configurations and
 //! the best of a search on its way. In older records the first two are held against the roofline in other
-//! rounds. All costs are by the clock that the searches went by.
+//! rounds.
 
 use std::collections::BTreeMap;
 
@@ -19,7 +19,7 @@ use treewright_renderer::tuning::objective::Objective;
 use super::answers::Answers;
 use super::folds::{Fold, Split};
 use super::measure::{MILESTONES, best, best_within};
-use super::record::{Group, GroupKind, Place, Record, Search};
+use super::record::{Group, GroupKind, Place, Record, Search, cost};
 
 /// Break-even points beyond this many iterations are counted and not drawn, as in the paper.
 pub(crate) const BREAK_EVEN_MAX: f64 = 10_000.0;
@@ -45,7 +45,7 @@ pub(crate) struct Ground {
     pub(crate) measured: usize,
     /// Iterations that could not be built.
     pub(crate) failed: usize,
-    /// The best of them all by the searches' own clock: the paper's roofline.
+    /// The best of them all in its single measurement: the paper's roofline.
     pub(crate) roofline_once_ms: f64,
     /// Its configuration measured again.
     pub(crate) roofline_ms: f64,
@@ -194,7 +194,7 @@ impl View<'_> {
 
     /// Median over the rounds; `None` for who is not there or cannot be run.
     fn cost_in(&self, group: &Group, configuration: &Configuration) -> Option<f64> {
-        group.cost(configuration, self.objective, self.record.conditions.clock)
+        group.cost(configuration, self.objective)
     }
 
     /// The worth of an answer that took `predicted_ms`; whose it is comes later. `None` where the roofline
@@ -236,13 +236,12 @@ impl View<'_> {
 
     /// The best of a search, measured in a group.
     fn best_cost(&self, search: &Search, group: &Group) -> Option<f64> {
-        let (found, _) = best(search, self.objective, self.record.conditions.clock)?;
+        let (found, _) = best(search, self.objective)?;
         self.cost_in(group, &found.configuration)
     }
 
     fn ground(&self, search: &Search) -> Option<Ground> {
-        let clock = self.record.conditions.clock;
-        let (_, once) = best(search, self.objective, clock)?;
+        let (_, once) = best(search, self.objective)?;
         let fixed = self.record.groups.get(&(GroupKind::Fixed, search.place.clone()))?;
         let answers = self.record.groups.get(&(GroupKind::Answers, search.place.clone()));
         let again = answers.and_then(|group| self.best_cost(search, group));
@@ -252,7 +251,7 @@ impl View<'_> {
         let curve_ms: Vec<Option<f64>> = search
             .iterations
             .iter()
-            .map(|iteration| clock.cost(self.objective, iteration.times.as_ref()?))
+            .map(|iteration| Some(cost(self.objective, iteration.times.as_ref()?)))
             .collect();
         let measured = curve_ms.iter().flatten().count();
         Some(Ground {
@@ -307,7 +306,7 @@ impl View<'_> {
         let so_far = MILESTONES
             .into_iter()
             .chain([usize::MAX])
-            .filter_map(|trials| best_within(search, trials, self.objective, self.record.conditions.clock));
+            .filter_map(|trials| best_within(search, trials, self.objective));
         let mut all = so_far.map(|(found, _)| &found.configuration);
         self.best_cost(search, answers).is_some()
             && all.all(|one| answers.member(one).is_some())

@@ -20,7 +20,7 @@ use treewright_scene::indicators::SceneIndicators;
 use treewright_scene::{Camera, Scene};
 
 use super::record::{
-    Clock, Conditions, Group, GroupKind, Iteration, METHOD, Member, Place, Provenance, Record, Search,
+    Conditions, Group, GroupKind, Iteration, METHOD, Member, Place, Provenance, Record, Search, cost,
 };
 use crate::geometry::geometry_hash;
 
@@ -137,7 +137,7 @@ impl Stage {
             };
             let configuration: Configuration = space.decode(&point.x).to_raw().into();
             let (outcome, times) = trial(&mut self.renderer, &configuration, None, &setting, &mut self.film);
-            let cost = times.and_then(|times| self.conditions.clock.cost(objective, &times));
+            let cost = times.map(|times| cost(objective, &times));
             frame_ms.extend(times.map(|times| times.render_ms));
             let fresh = known.insert(configuration.clone(), 1).is_none();
             search
@@ -225,23 +225,18 @@ fn reason(outcome: &Outcome) -> String {
 /// Trials of a search after which the best so far is measured again.
 pub(crate) const MILESTONES: [usize; 5] = [5, 10, 20, 40, 80];
 
-/// The iteration that did best by a clock, as the paper's roofline has it.
-pub(crate) fn best(search: &Search, objective: Objective, clock: Clock) -> Option<(&Iteration, f64)> {
-    best_within(search, usize::MAX, objective, clock)
+/// The iteration that did best, as the paper's roofline has it.
+pub(crate) fn best(search: &Search, objective: Objective) -> Option<(&Iteration, f64)> {
+    best_within(search, usize::MAX, objective)
 }
 
 /// The best of the first iterations, up to a given number.
-pub(crate) fn best_within(
-    search: &Search,
-    trials: usize,
-    objective: Objective,
-    clock: Clock,
-) -> Option<(&Iteration, f64)> {
+pub(crate) fn best_within(search: &Search, trials: usize, objective: Objective) -> Option<(&Iteration, f64)> {
     let costs = search
         .iterations
         .iter()
         .take(trials)
-        .filter_map(|iteration| Some((iteration, clock.cost(objective, iteration.times.as_ref()?)?)));
+        .filter_map(|iteration| Some((iteration, cost(objective, iteration.times.as_ref()?))));
     costs.min_by(|a, b| a.1.total_cmp(&b.1))
 }
 

@@ -15,7 +15,7 @@ use super::judge::{BreakEven, Verdict};
 use super::markup::{self, card};
 use super::part_page;
 use super::progress_figures;
-use super::record::{Clock, Record};
+use super::record::Record;
 use super::summary::{Mean, Standing, mean_of, standings};
 
 /// More of other programs than this on average, and times are called disturbed.
@@ -75,14 +75,8 @@ impl Report<'_> {
             self.record.searches.iter().filter_map(|search| search.other_cores).collect();
         other.sort_by(f64::total_cmp);
         if let Some(median) = other.get(other.len() / 2).filter(|median| **median > OTHER_CORES) {
-            let clock = match self.record.conditions.clock {
-                Clock::Cpu => {
-                    "Times are processor times, which that disturbs less, but not nothing: caches are shared."
-                }
-                Clock::Wall => "Times are by the clock on the wall: take them for rough.",
-            };
             all.push(format!(
-                "The machine had other work: {median:.1} cores at the median of all searches. {clock}"
+                "The machine had other work: {median:.1} cores at the median of all searches. Take times for rough."
             ));
         }
         if self.record.programs.len() > 1 {

@@ -8,7 +8,7 @@ use treewright_renderer::tuning::objective::Objective;
 
 use super::figures::WIDTH;
 use super::parts::Part;
-use super::record::{Clock, Group, PartSearch, Record, Versus};
+use super::record::{Group, Member, PartSearch, Record, Versus, cost};
 use crate::converge::bootstrap::student;
 
 /// Confidence of the bands in Figure 9.
@@ -31,10 +31,10 @@ pub(super) struct Run<'a> {
 }
 
 impl<'a> Run<'a> {
-    pub(super) fn of(part: &'a PartSearch, clock: Clock) -> Option<Self> {
+    pub(super) fn of(part: &'a PartSearch) -> Option<Self> {
         let objective = part.search.minimised()?;
         let points = part.search.iterations.iter().enumerate().filter_map(|(number, one)| {
-            Some((number + 1, clock.cost(objective, one.times.as_ref()?)?, &one.configuration))
+            Some((number + 1, cost(objective, one.times.as_ref()?), &one.configuration))
         });
         Some(Self { run: part.run, points: points.collect() })
     }
@@ -61,11 +61,9 @@ impl PartGain {
         default: &Configuration,
         found: &[Configuration],
         objective: Objective,
-        clock: Clock,
     ) -> Option<Self> {
-        let default = group.costs(default, objective, clock)?;
-        let found: Option<Vec<Vec<f64>>> =
-            found.iter().map(|one| group.costs(one, objective, clock)).collect();
+        let default = group.costs(default, objective)?;
+        let found: Option<Vec<Vec<f64>>> = found.iter().map(|one| group.costs(one, objective)).collect();
         let found = found.filter(|found| !found.is_empty())?;
         let in_round = |round: usize| {
             let logarithms: Option<Vec<f64>> =
@@ -147,17 +145,14 @@ impl Share {
 }
 
 /// Milliseconds of each round without and with splitting; nothing where either could not be built.
-pub(super) fn rounds(group: &Group, share: Share, clock: Clock) -> Option<[Vec<f64>; 2]> {
-    let of = |member: &super::record::Member| -> Option<Vec<f64>> {
-        let times = member.rounds.iter().map(|times| {
-            let [build_ms, render_ms] = clock.read(times)?;
-            Some(match share {
-                Share::Build => build_ms,
-                Share::Render => render_ms,
-                Share::Total => build_ms + render_ms,
-            })
+pub(super) fn rounds(group: &Group, share: Share) -> Option<[Vec<f64>; 2]> {
+    let of = |member: &Member| -> Option<Vec<f64>> {
+        let times = member.rounds.iter().map(|times| match share {
+            Share::Build => times.build_ms,
+            Share::Render => times.render_ms,
+            Share::Total => times.build_ms + times.render_ms,
         });
-        times.collect::<Option<Vec<f64>>>().filter(|all| !all.is_empty() && member.failure.is_none())
+        (!member.rounds.is_empty() && member.failure.is_none()).then(|| times.collect())
     };
     let [without, with] = group.members.as_slice() else { return None };
     Some([of(without)?, of(with)?])
@@ -184,7 +179,7 @@ pub(super) fn heights(record: &Record, scene: &str) -> Vec<AtHeight> {
     let own = record.pairs.iter().filter(|((name, _), _)| name == scene);
     own.filter_map(|((_, versus), group)| {
         let Versus::Height(height) = versus else { return None };
-        let [without, with] = rounds(group, Share::Total, record.conditions.clock)?;
+        let [without, with] = rounds(group, Share::Total)?;
         let medians = [Summary::of(&without).median, Summary::of(&with).median];
         Some((*height, medians, Ratio::of(&without, &with)))
     })
@@ -235,10 +230,7 @@ pub(super) fn angles(record: &Record, scene: &str, share: Share) -> Vec<(f64, [V
     let mut all: Vec<(f64, [Vec<f64>; 2])> = own
         .filter_map(|((_, versus), group)| {
             let Versus::Needles { angle, angles } = versus else { return None };
-            Some((
-                f64::from(*angle) * 360.0 / f64::from(*angles),
-                rounds(group, share, record.conditions.clock)?,
-            ))
+            Some((f64::from(*angle) * 360.0 / f64::from(*angles), rounds(group, share)?))
         })
         .collect();
     all.sort_by(|a, b| a.0.total_cmp(&b.0));

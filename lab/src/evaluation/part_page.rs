@@ -92,8 +92,7 @@ fn parts_section(record: &Record, space: &TuningSpace) -> String {
         heads.extend(one.parameters);
         let (mut rows, mut figures, mut is_whole) = (Vec::new(), String::new(), true);
         for ((_, scene), searches) in all.iter().filter(|((name, _), _)| *name == one.name) {
-            let runs: Vec<Run<'_>> =
-                searches.iter().filter_map(|search| Run::of(search, record.conditions.clock)).collect();
+            let runs: Vec<Run<'_>> = searches.iter().filter_map(|search| Run::of(search)).collect();
             if runs.iter().all(|run| run.points.is_empty()) {
                 continue;
             }
@@ -142,15 +141,15 @@ struct Again {
 
 impl Again {
     fn of(record: &Record, space: &TuningSpace, searches: &[&PartSearch]) -> Option<Self> {
-        let (search, clock) = (&searches.first()?.search, record.conditions.clock);
+        let search = &searches.first()?.search;
         let objective = search.minimised()?;
         let group = record.groups.get(&(GroupKind::Parts, search.place.clone()))?;
         let own = searches.iter().filter(|one| one.search.objective == search.objective);
-        let found = own.filter_map(|one| came_to(one, space, clock).ok()?);
+        let found = own.filter_map(|one| came_to(one, space).ok()?);
         let (best, last): (Vec<_>, Vec<_>) = found.map(|[best, last]| (best, last)).unzip();
         let default = space.default_configuration();
-        let gain = |found: &[Configuration]| PartGain::of(group, &default, found, objective, clock);
-        let default_ms = group.cost(&default, objective, clock)?;
+        let gain = |found: &[Configuration]| PartGain::of(group, &default, found, objective);
+        let default_ms = group.cost(&default, objective)?;
         Some(Self { default_ms, gains: [gain(&best)?, gain(&last)?] })
     }
 

@@ -6,7 +6,7 @@ use treewright_render_cli::error::CliError;
 use treewright_renderer::space::{Narrowing, TuningSpace, parse};
 
 use super::measure::best;
-use super::record::{Clock, PartSearch, Record};
+use super::record::{PartSearch, Record};
 
 /// A few parameters, and what the others are held to besides their recommended values.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -49,17 +49,16 @@ impl Part {
     }
 }
 
-/// The results of a search over a part, as whole configurations: the best by its own clock, and its last.
+/// The results of a search over a part, as whole configurations: its best, and its last.
 /// `None` where nothing could be built.
 pub(crate) fn came_to(
     search: &PartSearch,
     whole: &TuningSpace,
-    clock: Clock,
 ) -> Result<Option<[Configuration; 2]>, CliError> {
     let part = PARTS.iter().find(|part| part.name == search.part);
     let Some((part, objective)) = part.zip(search.search.minimised()) else { return Ok(None) };
     let space = part.space(whole)?;
-    let found = best(&search.search, objective, clock);
+    let found = best(&search.search, objective);
     let last = search.search.iterations.iter().rfind(|one| one.times.is_some());
     let both = found.zip(last).map(|((found, _), last)| [&found.configuration, &last.configuration]);
     Ok(both.map(|both| both.map(|one| space.with_held(one))))
@@ -74,7 +73,7 @@ pub(crate) fn compared(
 ) -> Result<Vec<Configuration>, CliError> {
     let mut all = vec![whole.default_configuration()];
     for search in record.parts.iter().filter(|search| search.search.place.scene == scene) {
-        for one in came_to(search, whole, record.conditions.clock)?.into_iter().flatten() {
+        for one in came_to(search, whole)?.into_iter().flatten() {
             if !all.contains(&one) {
                 all.push(one);
             }

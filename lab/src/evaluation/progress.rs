@@ -104,9 +104,8 @@ fn spent_s(search: &Search, trials: usize) -> f64 {
 fn ratio(record: &Record, search: &Search, trials: usize, objective: Objective) -> Option<f64> {
     let group = record.groups.get(&(GroupKind::Answers, search.place.clone()))?;
     let again = |trials| {
-        let clock = record.conditions.clock;
-        let (found, _) = best_within(search, trials, objective, clock)?;
-        group.cost(&found.configuration, objective, clock)
+        let (found, _) = best_within(search, trials, objective)?;
+        group.cost(&found.configuration, objective)
     };
     Some(again(trials)? / again(usize::MAX)?)
 }

@@ -13,7 +13,7 @@ use super::folds::Split;
 use super::judge::Verdict;
 use super::markup::{self, card};
 use super::progress::{DEFAULT, Moment, SEARCH, of_searches, reached, without_search};
-use super::record::{GroupKind, Place, Record};
+use super::record::{GroupKind, Place, Record, cost};
 use super::summary::Mean;
 
 /// The paper's two predictors and the service, whom the curves of searches are shown beside.
@@ -23,7 +23,6 @@ const BESIDE: [(&str, Colour); 3] =
 /// Figure 2: the effect of a search for either objective on both, at a camera of a scene where both were run.
 /// It is one of sponza where there is one, as in the paper.
 pub(crate) fn two_objectives(record: &Record) -> Option<String> {
-    let clock = record.conditions.clock;
     let search = |place: &Place, objective: Objective| {
         record.searches.iter().find(|one| one.place == *place && one.objective == objective.name())
     };
@@ -41,15 +40,13 @@ pub(crate) fn two_objectives(record: &Record) -> Option<String> {
             let iterations = search(place, searched).into_iter().flat_map(|search| &search.iterations);
             let numbered = iterations.enumerate();
             numbered
-                .filter_map(|(number, one)| {
-                    Some([(number + 1) as f64, clock.cost(shown, one.times.as_ref()?)?])
-                })
+                .filter_map(|(number, one)| Some([(number + 1) as f64, cost(shown, one.times.as_ref()?)]))
                 .collect()
         };
         let curves = Objective::ALL.map(of);
         let default = record.groups.get(&(GroupKind::Fixed, place.clone())).and_then(|group| {
             let rounds = &group.members.first()?.rounds;
-            let costs: Vec<f64> = rounds.iter().filter_map(|times| clock.cost(shown, times)).collect();
+            let costs: Vec<f64> = rounds.iter().map(|times| cost(shown, times)).collect();
             (!costs.is_empty()).then(|| Summary::of(&costs).median)
         });
         let label = format!("{} time, ms", shown.name());

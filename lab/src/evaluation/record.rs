@@ -9,7 +9,6 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
-use clap::ValueEnum;
 use serde::{Deserialize, Serialize};
 use treewright_client::{Configuration, Fingerprint, Outcome};
 use treewright_core::policy::SearchMethod;
@@ -26,34 +25,21 @@ pub(crate) const VERSION: u32 = 3;
 /// The searches' method: the paper's, after Chang.
 pub(crate) const METHOD: SearchMethod = SearchMethod::NelderMead;
 
-/// Which clock costs are read from.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ValueEnum)]
+/// Which clock costs are read from. Records by another one are refused.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum Clock {
     /// Wall time: what a user waits for.
     Wall,
-    /// Processor time of all threads, which is hardly affected by other work on the machine.
-    Cpu,
 }
 
-impl Clock {
-    /// Build and frame by this clock, in milliseconds; `None` where processor time was not measured.
-    pub(crate) fn read(self, times: &FrameTimes) -> Option<[f64; 2]> {
-        match self {
-            Self::Wall => Some([times.build_ms, times.render_ms]),
-            Self::Cpu => Some([times.build_cpu_ms?, times.render_cpu_ms?]),
-        }
-    }
-
-    /// The objective's value in milliseconds. As in the paper a frame's render time stands alone where builds
-    /// are shared.
-    pub(crate) fn cost(self, objective: Objective, times: &FrameTimes) -> Option<f64> {
-        let [build_ms, render_ms] = self.read(times)?;
-        Some(match objective {
-            Objective::Render | Objective::Error => render_ms,
-            Objective::Total | Objective::Motion => build_ms + render_ms,
-            Objective::Auto(frames) => build_ms / f64::from(frames) + render_ms,
-        })
+/// The objective's value in milliseconds. As in the paper a frame's render time stands alone where builds are
+/// shared.
+pub(crate) fn cost(objective: Objective, times: &FrameTimes) -> f64 {
+    match objective {
+        Objective::Render | Objective::Error => times.render_ms,
+        Objective::Total | Objective::Motion => times.build_ms + times.render_ms,
+        Objective::Auto(frames) => times.build_ms / f64::from(frames) + times.render_ms,
     }
 }
 
@@ -179,26 +165,15 @@ impl Group {
 
     /// The cost of a configuration in each round, in milliseconds; `None` for one that is not there or cannot
     /// be run.
-    pub(crate) fn costs(
-        &self,
-        configuration: &Configuration,
-        objective: Objective,
-        clock: Clock,
-    ) -> Option<Vec<f64>> {
+    pub(crate) fn costs(&self, configuration: &Configuration, objective: Objective) -> Option<Vec<f64>> {
         let member = self.member(configuration).filter(|member| member.failure.is_none())?;
-        let costs: Option<Vec<f64>> =
-            member.rounds.iter().map(|times| clock.cost(objective, times)).collect();
-        costs.filter(|costs| !costs.is_empty())
+        let costs: Vec<f64> = member.rounds.iter().map(|times| cost(objective, times)).collect();
+        (!costs.is_empty()).then_some(costs)
     }
 
     /// Their median.
-    pub(crate) fn cost(
-        &self,
-        configuration: &Configuration,
-        objective: Objective,
-        clock: Clock,
-    ) -> Option<f64> {
-        Some(Summary::of(&self.costs(configuration, objective, clock)?).median)
+    pub(crate) fn cost(&self, configuration: &Configuration, objective: Objective) -> Option<f64> {
+        Some(Summary::of(&self.costs(configuration, objective)?).median)
     }
 }
 
@@ -395,12 +370,11 @@ impl OpenRecord {
 }
 
 fn words(conditions: &Conditions) -> String {
-    let Conditions {
-        threads, size: [width, height], bounces, iterations, cameras, seed, space, clock, ..
-    } = conditions;
+    let Conditions { threads, size: [width, height], bounces, iterations, cameras, seed, space, .. } =
+        conditions;
     format!(
         "{threads} threads, {width}x{height}, {bounces} bounces, {iterations} iterations, {cameras} cameras, \
-         seed {seed}, {space} space, {clock:?} clock"
+         seed {seed}, {space} space"
     )
 }
 
@@ -463,11 +437,13 @@ mod tests {
     }
 
     #[test]
-    fn costs_are_read_from_one_clock() {
-        let both =
-            FrameTimes { build_cpu_ms: Some(5.0), render_cpu_ms: Some(7.0), ..FrameTimes::of(3.0, 4.0) };
-        assert_eq!(Clock::Wall.cost(Objective::Render, &both), Some(4.0));
-        assert_eq!(Clock::Cpu.cost(Objective::Total, &both), Some(12.0));
-        assert_eq!(Clock::Cpu.cost(Objective::Total, &FrameTimes::of(3.0, 4.0)), None);
+    fn a_record_by_processor_time_is_refused() {
+        let folder = tempfile::tempdir().expect("a scratch folder");
+        let path = folder.path().join("record.jsonl");
+        let mut head = serde_json::json!({ "conditions": conditions(80) });
+        head["conditions"]["clock"] = "cpu".into();
+        std::fs::write(&path, format!("{head}\n")).expect("it can be written");
+        let message = Record::read(&path).expect_err("another clock").to_string();
+        assert!(message.contains("line 1") && message.contains("cpu"), "{message}");
     }
 }
