@@ -6,10 +6,9 @@
 //! | request | answer |
 //! |---|---|
 //! | `{"open": STUDY}` with the specification of a study as the core stores it | `{"opened": true}` |
-//! | `{"ask": INDICATORS}`, an object of numbers | `{"trial": 1, "configuration": {"name": value}, "mode": …, "step": …}` |
+//! | `{"ask": INDICATORS}`, an object of numbers | `{"trial": 1, "configuration": {"name": value}}` |
 //! | `{"tell": {"trial": 1, "cost": 1.5}}`, or `"cost": null` where it cannot be run | `{"told": 1}` |
-//! | `{"best": INDICATORS}` | `{"configuration": …, "cost": …}`, both null while nothing is known |
-//! | `{"predict": INDICATORS}` | the configuration that would be exploited there: as `ask`, without a trial |
+//! | `{"best": INDICATORS}` | `{"configuration": …}`, null while nothing is known |
 //!
 //! Studies that are opened here have one metric, `cost`. A refused request is answered by `{"error": "…"}`.
 //! `nanoseconds` in each answer is the core's own time, without reading and writing.
@@ -35,7 +34,6 @@ enum Request {
     Ask(BTreeMap<String, f64>),
     Tell { trial: u64, cost: Option<f64> },
     Best(BTreeMap<String, f64>),
-    Predict(BTreeMap<String, f64>),
 }
 
 /// The study that is open, and a clock that only counts.
@@ -72,12 +70,7 @@ impl Session {
             Request::Ask(indicators) => {
                 let ask = Ask { client_id: "bench".into(), indicators, ..Ask::default() };
                 let (trial, _change) = tuner.suggest(&ask, self.now_ms).map_err(refused)?;
-                let answer = json!({
-                    "trial": trial.number,
-                    "configuration": plain(&trial.configuration),
-                    "mode": trial.mode(),
-                    "step": trial.reason().step,
-                });
+                let answer = json!({ "trial": trial.number, "configuration": plain(&trial.configuration) });
                 self.open.insert(trial.number, trial);
                 Ok(answer)
             }
@@ -94,18 +87,7 @@ impl Session {
             }
             Request::Best(indicators) => {
                 let best = tuner.best(Some(&indicators), None).map_err(refused)?;
-                Ok(json!({
-                    "configuration": best.as_ref().map(|best| plain(&best.configuration)),
-                    "cost": best.as_ref().map(|best| best.cost),
-                }))
-            }
-            Request::Predict(indicators) => {
-                let prediction = tuner.predict(&indicators, None).map_err(refused)?;
-                Ok(json!({
-                    "configuration": plain(&prediction.configuration),
-                    "mode": prediction.mode(),
-                    "predicted_cost": prediction.predicted_cost,
-                }))
+                Ok(json!({ "configuration": best.map(|best| plain(&best.configuration)) }))
             }
         }
     }
