@@ -25,6 +25,7 @@ use super::{Camera, Material, Mesh, Placed, Punctual, Scene, SceneError, Sky, Up
 const UNUSED: u32 = u32::MAX;
 
 /// Collects meshes and materials of one scene.
+#[derive(Default)]
 pub struct Assembler {
     name: String,
     origin: PathBuf,
@@ -84,31 +85,7 @@ impl Assembler {
 
     /// An empty scene. `origin` is named in errors.
     pub fn new(name: impl Into<String>, origin: &Path) -> Self {
-        Self {
-            name: name.into(),
-            origin: origin.to_owned(),
-            up: Up::Y,
-            positions: Vec::new(),
-            normals: Vec::new(),
-            uvs: Vec::new(),
-            has_uvs: false,
-            indices: Vec::new(),
-            meshes: Vec::new(),
-            flat: Vec::new(),
-            materials: Vec::new(),
-            textures: Textures::default(),
-            lights: Vec::new(),
-            notes: Vec::new(),
-            not_finite: 0,
-            too_far: 0,
-            objects: Objects::default(),
-            in_world: Vec::new(),
-            placement: Placement::default(),
-            world: Bounds::NOTHING,
-            rig: None,
-            sources: Vec::new(),
-            first_source: None,
-        }
+        Self { name: name.into(), origin: origin.to_owned(), ..Self::default() }
     }
 
     /// Notes that added parts have been moved, so that this place of the file is the origin.

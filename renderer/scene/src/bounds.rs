@@ -12,6 +12,13 @@ pub struct Bounds {
     pub max: Vec3,
 }
 
+/// [`Bounds::NOTHING`].
+impl Default for Bounds {
+    fn default() -> Self {
+        Self::NOTHING
+    }
+}
+
 impl Bounds {
     /// The box around every triangle; a point at the origin when there is none.
     pub fn of(triangles: &Triangles) -> Self {
