@@ -121,6 +121,7 @@ pub fn main() -> ExitCode {
 /// Where `TREEWRIGHT_ISA` names an instruction set (`sse2`, `avx2`, `avx512`), nothing wider is used, as on
 /// an older processor.
 pub fn carry_out(program: &str, run: impl FnOnce() -> Result<(), CliError>) -> ExitCode {
+    end_with_the_reader();
     // Where the C library does not know how, builds are slower and nothing else changes.
     let _ = treewright_accel::keep_freed_memory();
     let filter = std::env::var("TREEWRIGHT_LOG").ok().filter(|text| !text.is_empty());
@@ -135,6 +136,19 @@ pub fn carry_out(program: &str, run: impl FnOnce() -> Result<(), CliError>) -> E
             error.exit_code()
         }
     }
+}
+
+/// Makes the program end quietly when the reader of its output has seen enough, like `head`. The standard
+/// library ignores the signal that ends other programs then, and its `println` panics.
+fn end_with_the_reader() {
+    let usual = std::panic::take_hook();
+    std::panic::set_hook(Box::new(move |panic| {
+        let message = panic.payload().downcast_ref::<String>();
+        if message.is_some_and(|message| message.starts_with("failed printing to stdout: Broken pipe")) {
+            std::process::exit(0);
+        }
+        usual(panic);
+    }));
 }
 
 /// Keeps to the instruction set that the environment names.

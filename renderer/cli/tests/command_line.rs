@@ -69,6 +69,22 @@ fn results_are_json_where_asked_for() {
 }
 
 #[test]
+fn a_reader_that_has_seen_enough_ends_the_program_quietly() {
+    for arguments in [&["info", "--scene", "builtin:quick", "--json"][..], &["spaces"][..]] {
+        let mut program = Command::new(PROGRAM)
+            .args(arguments)
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .expect("the program starts");
+        drop(program.stdout.take());
+        let output = program.wait_with_output().expect("it ends");
+        assert!(output.status.success(), "{arguments:?}: {output:?}");
+        assert!(output.stderr.is_empty(), "{arguments:?}: {output:?}");
+    }
+}
+
+#[test]
 fn accelerators_are_measured() {
     let folder = folder();
     let path = folder.path();
