@@ -12,6 +12,7 @@ use crate::error::StoreError;
 use crate::filter::{FieldComparison, Literal, Operator, OrderKey};
 use crate::limits;
 use crate::rows::signed;
+use crate::statements::TRIALS_OF_STUDY;
 use crate::store::TrialQuery;
 
 /// A statement under construction, in one database's dialect.
@@ -35,16 +36,11 @@ pub(crate) trait Dialect {
 }
 
 /// The question for one page and one row more, which shows whether another page follows.
-pub(crate) fn trial_page<D: Dialect>(
-    sql: &mut D,
-    columns: &str,
-    study: i64,
-    query: &TrialQuery,
-) -> Result<(), StoreError> {
+pub(crate) fn trial_page<D: Dialect>(sql: &mut D, study: i64, query: &TrialQuery) -> Result<(), StoreError> {
     assert!((1..=limits::PAGE_SIZE).contains(&query.size), "a page of {} rows", query.size);
     let comparisons = query.filter.comparisons.len();
     assert!(comparisons <= limits::FILTER_COMPARISONS, "a filter of {comparisons} comparisons");
-    sql.text("SELECT ").text(columns).text(" FROM trials WHERE study = ").integer(study);
+    sql.text(TRIALS_OF_STUDY).integer(study);
     for comparison in &query.filter.comparisons {
         sql.text(" AND ");
         push_comparison(sql, comparison);

@@ -2,7 +2,7 @@
 //!
 //! They differ only in the type of a connection, but sqlx's bounds for a generic connection are longer than
 //! the questions. So [`reads!`] writes them out for each database, in a module with the database's statements
-//! as `sql`, its `filter`, and its errors of reads and writes as `failed` and `refused`.
+//! as `sql`, and its errors of reads and writes as `failed` and `refused`.
 
 /// The functions of this module, for one type of connection.
 macro_rules! reads {
@@ -254,11 +254,10 @@ macro_rules! reads {
             query: &TrialQuery,
         ) -> Result<TrialPage, StoreError> {
             let key = study_key(&mut *connection, study).await?;
-            let rows: Vec<TrialRow> = filter::trial_page(key, query)?
-                .build_query_as()
-                .fetch_all(&mut *connection)
-                .await
-                .map_err(failed)?;
+            let mut sql = sqlx::QueryBuilder::<<$connection as sqlx::Connection>::Database>::new("");
+            crate::question::trial_page(&mut sql, key, query)?;
+            let rows: Vec<TrialRow> =
+                sql.build_query_as().fetch_all(&mut *connection).await.map_err(failed)?;
             page(rows, query)
         }
     };

@@ -7,17 +7,8 @@
 use sqlx::{Postgres, QueryBuilder};
 
 use super::batch::without_nul;
-use super::statements::TRIAL_COLUMNS;
-use crate::error::StoreError;
 use crate::filter::{Literal, Operator};
-use crate::question::{self, Dialect, push_operator};
-use crate::store::TrialQuery;
-
-pub(super) fn trial_page(study: i64, query: &TrialQuery) -> Result<QueryBuilder<Postgres>, StoreError> {
-    let mut sql = QueryBuilder::new("");
-    question::trial_page(&mut sql, TRIAL_COLUMNS, study, query)?;
-    Ok(sql)
-}
+use crate::question::{Dialect, push_operator};
 
 impl Dialect for QueryBuilder<Postgres> {
     fn text(&mut self, sql: &str) -> &mut Self {

@@ -2,6 +2,6 @@
 
 use sqlx::postgres::PgConnection;
 
-use super::{failed, failed as refused, filter, statements as sql};
+use super::{failed, failed as refused, statements as sql};
 
 crate::read::reads!(PgConnection);

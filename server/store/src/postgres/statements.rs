@@ -3,11 +3,7 @@
 //! A replica lives while it renews its heartbeat and holds the advisory lock of its id. A question takes the
 //! shared lock for a moment, so that several may ask at once. `$lapse` below is in seconds.
 
-use crate::statements::study_select;
-pub(super) use crate::statements::{
-    CHECKPOINT, CHECKPOINT_PARTS, CLOSED_TRIALS, FOLDED_NAMES_DELETE, REAP_CHECKPOINTS, REAP_STATES,
-    REAP_STUDY, REAP_TRIALS, REAP_VISITS,
-};
+pub(super) use crate::statements::*;
 
 /// First key of every advisory lock of ours ("TWrt"); the second is the replica's id.
 macro_rules! lock_class {
@@ -79,28 +75,6 @@ pub(super) const REPLICAS_REAP: &str = "DELETE FROM replicas WHERE id IN (SELECT
 /// Begins a transaction that only reads, and sees the database as of its first question.
 pub(super) const BEGIN_READING: &str = "BEGIN ISOLATION LEVEL REPEATABLE READ READ ONLY";
 
-pub(super) const STUDY_KEY: &str = "SELECT id FROM studies WHERE name = $1";
-
-pub(super) const STUDY_COUNT: &str = "SELECT count(*) FROM studies WHERE name IS NOT NULL";
-
-/// The highest trial number of earlier studies under a name, as `former.last`.
-macro_rules! former {
-    ($name:literal) => {
-        concat!(
-            "(SELECT coalesce(max(last_trial), 0) AS last FROM former_names WHERE name IN (",
-            $name,
-            ", '')) AS former"
-        )
-    };
-}
-
-/// The highest trial number that a study has handed out or skipped.
-macro_rules! last_trial {
-    () => {
-        "greatest(named_after, (SELECT coalesce(max(t.number), 0) FROM trials t WHERE t.study = studies.id))"
-    };
-}
-
 pub(super) const STUDY_INSERT: &str = concat!(
     "INSERT INTO studies (name, specification, policy, create_ms, named_after, skipped) ",
     "SELECT $1::text, $2::json, $3::json, $4::bigint, former.last, former.last FROM ",
@@ -112,19 +86,9 @@ pub(super) const STUDY_INSERT: &str = concat!(
 pub(super) const STUDY_LOCK: &str =
     "SELECT id FROM studies WHERE name = $1 AND ($2::text IS NULL OR uid = $2) FOR UPDATE";
 
-/// Notes the last trial number of a study under the name that it is about to lose.
-pub(super) const NAME_LEFT: &str = concat!(
-    "INSERT INTO former_names (name, last_trial) SELECT name, last FROM (SELECT name, ",
-    last_trial!(),
-    " AS last FROM studies WHERE id = $1) AS study WHERE last > 0 ",
-    "ON CONFLICT (name) DO UPDATE SET last_trial = greatest(former_names.last_trial, excluded.last_trial)"
-);
+pub(super) const NAME_LEFT: &str = name_left!("greatest");
 
-/// Merges former names beyond `$1`, those with the lowest numbers, into the empty name.
-pub(super) const NAMES_FOLDED: &str = "INSERT INTO former_names (name, last_trial) SELECT '', highest FROM \
-     (SELECT max(last_trial) AS highest FROM (SELECT last_trial FROM former_names WHERE name <> '' \
-     ORDER BY last_trial DESC OFFSET $1) AS lowest) AS rest WHERE highest IS NOT NULL \
-     ON CONFLICT (name) DO UPDATE SET last_trial = greatest(former_names.last_trial, excluded.last_trial)";
+pub(super) const NAMES_FOLDED: &str = names_folded!("greatest", "ALL");
 
 /// Takes the name from the study, so that it cannot be found, and raises its epoch, so that no replica stores
 /// it.
@@ -138,18 +102,12 @@ pub(super) const STUDY_DELETE: &str = concat!(
 /// Gives the study another name, and raises its epoch, so that a replica with the study in memory loads it
 /// again.
 pub(super) const STUDY_RENAME: &str = concat!(
-    "WITH renamed AS (UPDATE studies SET name = $2, owner = NULL, epoch = epoch + 1, named_after = greatest(former.last, ",
-    last_trial!(),
-    "), skipped = skipped + greatest(0, former.last - ",
-    last_trial!(),
-    ") FROM ",
-    former!("$2"),
-    " WHERE id = $1 RETURNING id) SELECT id FROM renamed, LATERAL pg_notify('",
+    "WITH renamed AS (",
+    study_renamed!("greatest", "owner = NULL, epoch = epoch + 1, "),
+    " RETURNING id) SELECT id FROM renamed, LATERAL pg_notify('",
     channel!(),
     "', 'deleted ' || id)"
 );
-
-pub(super) const STUDY_OF_UID: &str = "SELECT name FROM studies WHERE uid = $1 AND name IS NOT NULL";
 
 pub(super) const STUDY_OWNER: &str = concat!(
     "SELECT s.id, s.epoch, s.owner, CASE WHEN ",
@@ -192,46 +150,11 @@ pub(super) const TRIAL_EXCLUDE: &str = "WITH held AS MATERIALIZED (SELECT id FRO
      UPDATE trials SET exclusion = $4 WHERE study IN (SELECT id FROM held) AND number = $3 \
      AND state = 'COMPLETED'";
 
-pub(super) const STUDY_BY_NAME: &str = study_select!("specification::text, policy::text", "WHERE name = $1");
-
-pub(super) const STUDY_BY_KEY: &str =
-    study_select!("specification::text, policy::text", "WHERE id = $1 AND name IS NOT NULL");
-
-pub(super) const STUDY_PAGE: &str =
-    study_select!("specification::text, policy::text", "WHERE name > $1 ORDER BY name LIMIT $2");
-
 // Reading.
 
 pub(super) const STATES_OF_STUDY: &str = "SELECT id, indicators::text, fingerprint::text, NULL::text AS search, \
      search AS search_packed \
      FROM states WHERE study = $1 ORDER BY id";
-
-pub(super) const VISITS_OF_STUDY: &str = "SELECT client_id, state_id, number, since, decision::text, \
-     weighed::text, account::text FROM visits WHERE study = $1 ORDER BY client_id";
-
-macro_rules! trial_columns {
-    () => {
-        "number, client_id, state_id, mode, state, outcome, outcome_reason, outcome_lower_bound, cost, \
-         predicted_cost, late, create_ms, lease_expire_ms, complete_ms, completion, configuration::text, \
-         indicators::text, measurements::text, reason::text, fingerprint::text, \
-         standard_errors::text, exclusion"
-    };
-}
-
-/// The columns that a [`TrialRow`](crate::rows::TrialRow) reads.
-pub(super) const TRIAL_COLUMNS: &str = trial_columns!();
-
-pub(super) const TRIAL_BY_NUMBER: &str =
-    concat!("SELECT ", trial_columns!(), " FROM trials WHERE study = $1 AND number = $2");
-
-pub(super) const OPEN_TRIALS: &str =
-    concat!("SELECT ", trial_columns!(), " FROM trials WHERE study = $1 AND state = 'OPEN' ORDER BY number");
-
-pub(super) const COMPLETED_TRIALS: &str = concat!(
-    "SELECT ",
-    trial_columns!(),
-    " FROM trials WHERE study = $1 AND completion IS NOT NULL AND completion > $2 ORDER BY completion LIMIT $3"
-);
 
 // Background work that replicas share: a row in use by one replica is skipped by the others.
 

@@ -5,17 +5,8 @@
 
 use sqlx::{QueryBuilder, Sqlite};
 
-use super::statements::TRIAL_COLUMNS;
-use crate::error::StoreError;
 use crate::filter::{Literal, Operator};
-use crate::question::{self, Dialect, push_operator};
-use crate::store::TrialQuery;
-
-pub(super) fn trial_page(study: i64, query: &TrialQuery) -> Result<QueryBuilder<Sqlite>, StoreError> {
-    let mut sql = QueryBuilder::new("");
-    question::trial_page(&mut sql, TRIAL_COLUMNS, study, query)?;
-    Ok(sql)
-}
+use crate::question::{Dialect, push_operator};
 
 impl Dialect for QueryBuilder<Sqlite> {
     fn text(&mut self, sql: &str) -> &mut Self {
@@ -82,13 +73,15 @@ mod tests {
 
     use super::*;
     use crate::filter::{Filter, Order};
+    use crate::question;
+    use crate::store::TrialQuery;
 
     async fn plan(connection: &mut SqliteConnection, filter: &str, order: &str) -> Vec<String> {
         let filter = Filter::parse(filter).expect("a filter");
         let query =
             TrialQuery { filter, order: Order::parse(order).expect("an order"), after: None, size: 50 };
         let mut sql = QueryBuilder::new("EXPLAIN QUERY PLAN ");
-        question::trial_page(&mut sql, TRIAL_COLUMNS, 1, &query).expect("a question");
+        question::trial_page(&mut sql, 1, &query).expect("a question");
         let rows = sql.build().fetch_all(connection).await.expect("a plan");
         rows.iter().map(|row| row.get("detail")).collect()
     }

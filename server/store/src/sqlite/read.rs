@@ -3,7 +3,7 @@
 use sqlx::sqlite::{SqliteConnection, SqlitePool};
 
 use super::codes::refused;
-use super::{filter, statements as sql, store_error};
+use super::{statements as sql, store_error};
 
 fn failed(error: sqlx::Error) -> StoreError {
     store_error(&error)

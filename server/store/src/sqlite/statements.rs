@@ -1,40 +1,14 @@
 //! The fixed SQL. For `script` the upserts have parameters without numbers, which count on from one
 //! statement to the next.
 
-use crate::statements::study_select;
-pub(super) use crate::statements::{
-    CHECKPOINT, CHECKPOINT_PARTS, CLOSED_TRIALS, FOLDED_NAMES_DELETE, REAP_CHECKPOINTS, REAP_STATES,
-    REAP_STUDY, REAP_TRIALS, REAP_VISITS,
-};
+pub(super) use crate::statements::*;
 
 /// Begins a transaction that only reads, and sees the database as of its first question.
 pub(super) const BEGIN_READING: &str = "BEGIN";
 
-pub(super) const STUDY_KEY: &str = "SELECT id FROM studies WHERE name = $1 AND name < '~'";
-
 /// With the identity, where one is given.
 pub(super) const STUDY_LOCK: &str =
     "SELECT id FROM studies WHERE name = $1 AND name < '~' AND uid = coalesce($2, uid)";
-
-pub(super) const STUDY_COUNT: &str = "SELECT count(*) FROM studies WHERE name < '~'";
-
-/// The highest trial number of earlier studies under a name, as `last`.
-macro_rules! former {
-    ($name:literal) => {
-        concat!(
-            "(SELECT coalesce(max(last_trial), 0) AS last FROM former_names WHERE name IN (",
-            $name,
-            ", ''))"
-        )
-    };
-}
-
-/// The highest trial number that a study has handed out or skipped.
-macro_rules! last_trial {
-    () => {
-        "max(named_after, (SELECT coalesce(max(t.number), 0) FROM trials t WHERE t.study = studies.id))"
-    };
-}
 
 pub(super) const STUDY_INSERT: &str = concat!(
     "INSERT INTO studies (name, specification, policy, create_ms, uid, named_after, skipped) ",
@@ -42,31 +16,11 @@ pub(super) const STUDY_INSERT: &str = concat!(
     former!("$1")
 );
 
-/// Notes the last trial number of a study under the name that it is about to lose.
-pub(super) const NAME_LEFT: &str = concat!(
-    "INSERT INTO former_names (name, last_trial) SELECT name, ",
-    last_trial!(),
-    " AS last FROM studies WHERE id = $1 AND last > 0 ",
-    "ON CONFLICT (name) DO UPDATE SET last_trial = max(former_names.last_trial, excluded.last_trial)"
-);
+pub(super) const NAME_LEFT: &str = name_left!("max");
 
-/// Merges former names beyond `$1`, those with the lowest numbers, into the empty name.
-pub(super) const NAMES_FOLDED: &str = "INSERT INTO former_names (name, last_trial) SELECT '', highest FROM \
-     (SELECT max(last_trial) AS highest FROM (SELECT last_trial FROM former_names WHERE name <> '' \
-     ORDER BY last_trial DESC LIMIT -1 OFFSET $1)) WHERE highest IS NOT NULL \
-     ON CONFLICT (name) DO UPDATE SET last_trial = max(former_names.last_trial, excluded.last_trial)";
+pub(super) const NAMES_FOLDED: &str = names_folded!("max", "-1");
 
-pub(super) const STUDY_RENAME: &str = concat!(
-    "UPDATE studies SET name = $2, named_after = max(last, ",
-    last_trial!(),
-    "), skipped = skipped + max(0, last - ",
-    last_trial!(),
-    ") FROM ",
-    former!("$2"),
-    " WHERE id = $1"
-);
-
-pub(super) const STUDY_OF_UID: &str = "SELECT name FROM studies WHERE uid = $1 AND name < '~'";
+pub(super) const STUDY_RENAME: &str = study_renamed!("max", "");
 
 /// Gives a study a name that no study can have and that sorts behind all others. [`REAP_TRIALS`] and the
 /// following remove its rows.
@@ -86,23 +40,12 @@ pub(super) const SEARCHES_DELETE: &str = "UPDATE states SET search = NULL, searc
 
 pub(super) const CHECKPOINTS_DELETE: &str = "DELETE FROM checkpoints WHERE study = $1";
 
-pub(super) const STUDY_BY_NAME: &str =
-    study_select!("specification, policy", "WHERE name = $1 AND name < '~'");
-
-pub(super) const STUDY_BY_KEY: &str = study_select!("specification, policy", "WHERE id = $1");
-
-pub(super) const STUDY_PAGE: &str =
-    study_select!("specification, policy", "WHERE name > $1 AND name < '~' ORDER BY name LIMIT $2");
-
 pub(super) const STATES_OF_STUDY: &str =
     "SELECT id, indicators, fingerprint, search, search_packed FROM states WHERE study = $1 ORDER BY id";
 
 pub(super) const STATE_UPSERT: &str = "INSERT INTO states (study, id, indicators, fingerprint, search_packed) \
      VALUES (?, ?, ?, ?, ?) \
      ON CONFLICT (study, id) DO UPDATE SET search = NULL, search_packed = excluded.search_packed";
-
-pub(super) const VISITS_OF_STUDY: &str = "SELECT client_id, state_id, number, since, decision, weighed, account \
-     FROM visits WHERE study = $1 ORDER BY client_id";
 
 pub(super) const VISIT_UPSERT: &str = "INSERT INTO visits \
      (study, client_id, state_id, number, since, decision, weighed, account) VALUES (?, ?, ?, ?, ?, ?, ?, ?) \
@@ -112,54 +55,20 @@ pub(super) const VISIT_UPSERT: &str = "INSERT INTO visits \
 
 pub(super) const VISIT_DELETE: &str = "DELETE FROM visits WHERE study = ? AND client_id = ?";
 
-/// The columns of a trial that its rows are stored with.
-macro_rules! stored_columns {
-    () => {
-        "number, client_id, state_id, mode, state, outcome, outcome_reason, outcome_lower_bound, cost, \
-         predicted_cost, late, create_ms, lease_expire_ms, complete_ms, completion, configuration, \
-         indicators, measurements, reason, fingerprint, standard_errors"
-    };
-}
-
-macro_rules! trial_columns {
-    () => {
-        concat!(stored_columns!(), ", exclusion")
-    };
-}
-
-/// The columns that a [`TrialRow`](crate::rows::TrialRow) reads.
-pub(super) const TRIAL_COLUMNS: &str = trial_columns!();
-
 /// A stored trial keeps its other columns. Only the lease, what `reason` notes of its client, and the report
 /// can still change.
-pub(super) const TRIAL_UPSERT: &str = concat!(
-    "INSERT INTO trials (study, ",
-    stored_columns!(),
-    ") VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, \
-     ?, ?) ON CONFLICT (study, number) DO UPDATE SET state = excluded.state, outcome = excluded.outcome, \
+pub(super) const TRIAL_UPSERT: &str = "INSERT INTO trials (study, number, client_id, state_id, mode, state, \
+     outcome, outcome_reason, outcome_lower_bound, cost, predicted_cost, late, create_ms, lease_expire_ms, \
+     complete_ms, completion, configuration, indicators, measurements, reason, fingerprint, standard_errors) \
+     VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?) \
+     ON CONFLICT (study, number) DO UPDATE SET state = excluded.state, outcome = excluded.outcome, \
      outcome_reason = excluded.outcome_reason, outcome_lower_bound = excluded.outcome_lower_bound, \
      cost = excluded.cost, late = excluded.late, lease_expire_ms = excluded.lease_expire_ms, \
      complete_ms = excluded.complete_ms, completion = excluded.completion, \
-     measurements = excluded.measurements, standard_errors = excluded.standard_errors, reason = excluded.reason"
-);
+     measurements = excluded.measurements, standard_errors = excluded.standard_errors, reason = excluded.reason";
 
 pub(super) const TRIAL_EXCLUDE: &str = "UPDATE trials SET exclusion = $3 WHERE study = $1 AND number = $2 \
      AND state = 'COMPLETED'";
-
-pub(super) const TRIAL_BY_NUMBER: &str =
-    concat!("SELECT ", trial_columns!(), " FROM trials WHERE study = $1 AND number = $2");
-
-/// The sign before the number keeps the index of open trials in use: otherwise SQLite would read all trials
-/// of the study in the order of their numbers.
-pub(super) const OPEN_TRIALS: &str =
-    concat!("SELECT ", trial_columns!(), " FROM trials WHERE study = $1 AND state = 'OPEN' ORDER BY +number");
-
-/// A stretch of one index.
-pub(super) const COMPLETED_TRIALS: &str = concat!(
-    "SELECT ",
-    trial_columns!(),
-    " FROM trials WHERE study = $1 AND completion IS NOT NULL AND completion > $2 ORDER BY completion LIMIT $3"
-);
 
 /// `$2`: a JSON list of numbers, `$3`: the last completion that may be removed.
 pub(super) const TRIALS_DELETE: &str = "DELETE FROM trials WHERE study = $1 \
