@@ -11,9 +11,6 @@ use crate::convert::from_proto::{Report, Suggest};
 use crate::error::Error;
 use crate::redirect::Redirect;
 
-/// The number of tries of a report for a closed trial while other requests change closed trials.
-const TRIES: usize = 8;
-
 /// A report that was taken now or before.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Reported {
@@ -85,8 +82,8 @@ impl Tuning {
     pub async fn report(&self, report: Report) -> Result<Reported, Error> {
         let answer = self
             .with_tuner(&report.trial.study.id, |live, store, now_ms| {
-                let taken = take(live, &report, now_ms);
-                queue(live, store, taken)
+                let outcome = take(live, &report, now_ms);
+                queue(live, store, outcome)
             })
             .await?;
         self.reported(report, answer).await
@@ -163,56 +160,48 @@ impl Tuning {
         }
     }
 
-    async fn reported(&self, report: Report, mut answer: Queued) -> Result<Reported, Error> {
-        for _ in 0..TRIES {
-            match answer {
-                Queued::Taken(completed, receipt, deferred) => {
-                    self.durable(&report.trial.study.id, receipt, deferred).await?;
-                    return Ok(Reported::Taken(completed));
-                }
-                Queued::Refused(error) => return Err(error),
-                Queued::Closed(mark) => {
-                    let stored = self.closed_trial(&report.trial, mark.receipt).await?;
-                    // The client that reports must not believe that it is stored.
-                    if Tuner::gave_up(&stored) {
-                        return Err(TunerError::GivenUp(stored.number).into());
-                    }
-                    if stored.state == TrialState::Completed {
-                        return Ok(Reported::Duplicate(Box::new(stored)));
-                    }
-                    let (fence, closed_changes) = (mark.fence, mark.closed_changes);
-                    answer = self
-                        .with_tuner(&report.trial.study.id, |live, store, now_ms| {
-                            // The name may have gone to another study meanwhile.
-                            live.knows(&report.trial)?;
-                            if !live.is_at(&fence, closed_changes) {
-                                return Ok(queue(live, store, ReportOutcome::Closed));
-                            }
-                            let trial = live.check(stored)?;
-                            let (completed, change) = completed(live, &trial, &report, now_ms)?;
-                            assert_eq!(
-                                (completed.number, completed.state),
-                                (report.trial.number, TrialState::Completed)
-                            );
-                            live.closed_changes += 1;
-                            Ok::<_, Error>(queue(
-                                live,
-                                store,
-                                ReportOutcome::Now(Box::new(completed), change),
-                            ))
-                        })
-                        .await??;
-                }
-            }
-        }
-        Err(Error::Reloading { study: report.trial.study.id })
+    async fn reported(&self, report: Report, answer: Queued) -> Result<Reported, Error> {
+        let (completed, receipt, deferred) = match answer {
+            Queued::Taken(taken) => taken,
+            Queued::Refused(error) => return Err(error),
+            Queued::Closed(mark) => match self.report_closed(&report, mark).await? {
+                Ok(taken) => taken,
+                Err(stored) => return Ok(Reported::Duplicate(stored)),
+            },
+        };
+        self.durable(&report.trial.study.id, receipt, deferred).await?;
+        Ok(Reported::Taken(completed))
+    }
+
+    /// Takes a result for a trial that is not open; an error inside is a trial that was reported before.
+    async fn report_closed(
+        &self,
+        report: &Report,
+        mark: ClosedMark,
+    ) -> Result<Result<Taken, Box<RawTrial>>, Error> {
+        let known = |stored: &RawTrial| match stored.state {
+            // The client that reports must not believe that it is stored.
+            _ if Tuner::gave_up(stored) => Err(Error::from(TunerError::GivenUp(stored.number))),
+            TrialState::Completed => Ok(Some(Err(Box::new(stored.clone())))),
+            _ => Ok(None),
+        };
+        let take = |live: &mut Live, store: &dyn Store, stored: RawTrial, now_ms: i64| {
+            let trial = live.check(stored)?;
+            let (completed, change) = completed(live, &trial, report, now_ms)?;
+            assert_eq!((completed.number, completed.state), (report.trial.number, TrialState::Completed));
+            live.closed_changes += 1;
+            Ok::<_, Error>(Ok(taken(live, store, Box::new(completed), change)))
+        };
+        self.change_closed(&report.trial, mark, known, take).await
     }
 }
 
+/// A completed trial, the receipt of its report, and whether updates of the models were deferred.
+type Taken = (Box<Trial>, Receipt, bool);
+
 /// An answer that waits for the disk.
 enum Queued {
-    /// Whether updates of the models were deferred.
-    Taken(Box<Trial>, Receipt, bool),
+    Taken(Taken),
     Closed(ClosedMark),
     Refused(Error),
 }
@@ -328,11 +317,13 @@ fn completed(
     live.tuner.report_estimates(trial, measurements, standard_errors, outcome, now_ms)
 }
 
-fn queue(live: &mut Live, store: &dyn Store, taken: ReportOutcome) -> Queued {
-    match taken {
-        ReportOutcome::Now(completed, change) => {
-            Queued::Taken(completed, live.commit(store, &[change]), live.tuner.has_deferred_updates())
-        }
+fn taken(live: &mut Live, store: &dyn Store, completed: Box<Trial>, change: Change) -> Taken {
+    (completed, live.commit(store, &[change]), live.tuner.has_deferred_updates())
+}
+
+fn queue(live: &mut Live, store: &dyn Store, outcome: ReportOutcome) -> Queued {
+    match outcome {
+        ReportOutcome::Now(completed, change) => Queued::Taken(taken(live, store, completed, change)),
         ReportOutcome::Closed => Queued::Closed(live.mark(store)),
         ReportOutcome::Refused(error) => Queued::Refused(error),
     }

@@ -4,22 +4,16 @@ use std::collections::BTreeMap;
 
 use treewright_core::configuration::RawConfiguration;
 use treewright_core::trial::{Fingerprint, RawTrial, Trial, TrialState};
-use treewright_core::tuner::{Best, Prediction, SuggestionPlan, TunerError};
-use treewright_store::{Receipt, TrialPage, TrialQuery};
+use treewright_core::tuner::{Best, Change, Prediction, SuggestionPlan, Tuner, TunerError};
+use treewright_store::{Receipt, Store, TrialPage, TrialQuery};
 
-use super::Tuning;
 use super::frames::ClosedMark;
+use super::{Live, Tuning};
 use crate::convert::names::{StudyName, TrialName};
 use crate::error::Error;
 
 /// The number of reads of a closed trial while other requests change closed trials.
 const TRIES: usize = 8;
-
-/// The result of a request for a trial under the tuner's lock.
-enum TrialLookup {
-    Done(Box<Trial>, Receipt),
-    Closed(ClosedMark),
-}
 
 impl Tuning {
     /// Takes a trial back unmeasured.
@@ -27,43 +21,20 @@ impl Tuning {
     /// # Errors
     /// As the wire contract names them.
     pub async fn abandon(&self, name: &TrialName) -> Result<Trial, Error> {
-        let mut found = self
-            .with_tuner(&name.study.id, |live, store, _| {
-                live.knows(name)?;
-                let Some(open) = live.tuner.open_trial(name.number).cloned() else {
-                    return Ok(TrialLookup::Closed(live.mark(store)));
-                };
-                let (trial, change) = live.tuner.abandon(&open)?;
-                let receipt = live.commit(store, &[change]);
-                Ok::<_, Error>(TrialLookup::Done(Box::new(trial), receipt))
-            })
-            .await??;
-        for _ in 0..TRIES {
-            let mark = match found {
-                TrialLookup::Done(trial, receipt) => {
-                    assert_eq!((trial.number, trial.state), (name.number, TrialState::Abandoned));
-                    self.metrics().durable(receipt).await?;
-                    return Ok(*trial);
-                }
-                TrialLookup::Closed(mark) => mark,
-            };
-            let stored = self.closed_trial(name, mark.receipt).await?;
-            let (fence, closed_changes) = (mark.fence, mark.closed_changes);
-            found = self
-                .with_tuner(&name.study.id, |live, store, _| {
-                    // The name may have gone to another study meanwhile.
-                    live.knows(name)?;
-                    if !live.is_at(&fence, closed_changes) {
-                        return Ok(TrialLookup::Closed(live.mark(store)));
-                    }
+        let (trial, receipt) = match self.change_open(name, |tuner, open, _| tuner.abandon(open)).await? {
+            Ok(abandoned) => abandoned,
+            Err(mark) => {
+                let abandon = |live: &mut Live, store: &dyn Store, stored: RawTrial, _: i64| {
                     let (trial, change) = live.tuner.abandon(&live.check(stored)?)?;
                     live.closed_changes += 1;
-                    let receipt = live.commit(store, &[change]);
-                    Ok::<_, Error>(TrialLookup::Done(Box::new(trial), receipt))
-                })
-                .await??;
-        }
-        Err(Error::Reloading { study: name.study.id.clone() })
+                    Ok::<_, Error>((trial, live.commit(store, &[change])))
+                };
+                self.change_closed(name, mark, |_| Ok(None), abandon).await?
+            }
+        };
+        assert_eq!((trial.number, trial.state), (name.number, TrialState::Abandoned));
+        self.metrics().durable(receipt).await?;
+        Ok(trial)
     }
 
     /// Renews a lease.
@@ -71,28 +42,68 @@ impl Tuning {
     /// # Errors
     /// As the wire contract names them.
     pub async fn extend_lease(&self, name: &TrialName) -> Result<Trial, Error> {
-        let found = self
-            .with_tuner(&name.study.id, |live, store, now_ms| {
-                live.knows(name)?;
-                let Some(open) = live.tuner.open_trial(name.number).cloned() else {
-                    return Ok(TrialLookup::Closed(live.mark(store)));
-                };
-                let (trial, change) = live.tuner.extend_lease(&open, now_ms)?;
-                let receipt = live.commit(store, &[change]);
-                Ok::<_, Error>(TrialLookup::Done(Box::new(trial), receipt))
-            })
-            .await??;
-        match found {
-            TrialLookup::Done(trial, receipt) => {
+        let extended = self.change_open(name, |tuner, open, now_ms| tuner.extend_lease(open, now_ms));
+        match extended.await? {
+            Ok((trial, receipt)) => {
                 assert_eq!((trial.number, trial.state), (name.number, TrialState::Open));
                 self.metrics().durable(receipt).await?;
-                Ok(*trial)
+                Ok(trial)
             }
-            TrialLookup::Closed(mark) => {
+            Err(mark) => {
                 let stored = self.closed_trial(name, mark.receipt).await?;
                 Err(TunerError::NotOpen { number: stored.number, state: stored.state }.into())
             }
         }
+    }
+
+    /// Changes an open trial; an error inside marks the point at which the trial was not open.
+    async fn change_open(
+        &self,
+        name: &TrialName,
+        change: impl FnOnce(&mut Tuner, &Trial, i64) -> Result<(Trial, Change), TunerError> + Send,
+    ) -> Result<Result<(Trial, Receipt), ClosedMark>, Error> {
+        self.with_tuner(&name.study.id, |live, store, now_ms| {
+            live.knows(name)?;
+            let Some(open) = live.tuner.open_trial(name.number).cloned() else {
+                return Ok(Err(live.mark(store)));
+            };
+            let (trial, change) = change(&mut live.tuner, &open, now_ms)?;
+            Ok::<_, Error>(Ok((trial, live.commit(store, &[change]))))
+        })
+        .await?
+    }
+
+    /// Changes a trial that is not open, as the store has it. `known` may answer from that alone; `change`
+    /// works under the tuner's lock. Both are called again where a closed trial has changed meanwhile.
+    pub(super) async fn change_closed<T: Send>(
+        &self,
+        name: &TrialName,
+        mut mark: ClosedMark,
+        known: impl Fn(&RawTrial) -> Result<Option<T>, Error> + Send,
+        mut change: impl FnMut(&mut Live, &dyn Store, RawTrial, i64) -> Result<T, Error> + Send,
+    ) -> Result<T, Error> {
+        for _ in 0..TRIES {
+            let ClosedMark { receipt, fence, closed_changes } = mark;
+            let stored = self.closed_trial(name, receipt).await?;
+            if let Some(answer) = known(&stored)? {
+                return Ok(answer);
+            }
+            let changed = self
+                .with_tuner(&name.study.id, |live, store, now_ms| {
+                    // The name may have gone to another study meanwhile.
+                    live.knows(name)?;
+                    if !live.is_at(&fence, closed_changes) {
+                        return Ok(Err(live.mark(store)));
+                    }
+                    Ok::<_, Error>(Ok(change(live, store, stored, now_ms)?))
+                })
+                .await??;
+            match changed {
+                Ok(answer) => return Ok(answer),
+                Err(later) => mark = later,
+            }
+        }
+        Err(Error::Reloading { study: name.study.id.clone() })
     }
 
     /// Reads a trial that is not open, once all earlier writes are stored. The name may have gone to another
