@@ -9,7 +9,7 @@ use treewright_core::trial::TrialState;
 use treewright_core::words::Word as _;
 
 use crate::error::StoreError;
-use crate::filter::{FieldComparison, Literal, Operator, OrderKey};
+use crate::filter::{Field, FieldComparison, Literal, Operator, OrderKey};
 use crate::limits;
 use crate::rows::signed;
 use crate::statements::TRIALS_OF_STUDY;
@@ -31,6 +31,22 @@ pub(crate) trait Dialect {
     fn member(&mut self, column: &str, name: &str) -> &mut Self;
     /// Binds a number that is compared with a [`member`](Self::member).
     fn member_value(&mut self, value: f64) -> &mut Self;
+    /// Binds a literal that is compared with a column.
+    fn literal(&mut self, literal: &Literal) -> &mut Self {
+        match literal {
+            Literal::Number(number) => self.real(*number),
+            Literal::Whole(number) => self.integer(*number),
+            Literal::Text(text) => self.string(text),
+            Literal::Boolean(boolean) => self.flag(*boolean),
+        }
+    }
+    /// Binds a literal that is compared with a member of a document.
+    fn member_literal(&mut self, literal: &Literal) -> &mut Self {
+        match literal {
+            Literal::Number(number) => self.member_value(*number),
+            other => self.literal(other),
+        }
+    }
     /// Compares a parameter of the document `configuration` with a literal; false where its kind is another.
     fn parameter(&mut self, name: &str, operator: Operator, literal: &Literal) -> &mut Self;
 }
@@ -102,67 +118,47 @@ fn push_key<'d, D: Dialect>(sql: &'d mut D, key: &OrderKey) -> &'d mut D {
 
 /// Whether a comparison asks for trials under a lease only.
 fn is_open(comparison: &FieldComparison) -> bool {
-    matches!(comparison, FieldComparison::State(Operator::Equal, TrialState::Open))
+    let FieldComparison { field, operator, literal } = comparison;
+    let is_open = matches!(literal, Literal::Text(word) if word == TrialState::Open.word());
+    (field, operator, is_open) == (&Field::State, &Operator::Equal, true)
 }
 
 fn push_comparison<D: Dialect>(sql: &mut D, comparison: &FieldComparison) {
-    use FieldComparison::{Cost, Indicator, Measurement};
-    if let Cost(_, value) | Measurement(_, _, value) | Indicator(_, _, value) = comparison {
-        assert!(value.is_finite(), "a comparison with {value}");
-    }
-    match comparison {
+    let FieldComparison { field, operator, literal } = comparison;
+    assert!(
+        !matches!(literal, Literal::Number(value) if !value.is_finite()),
+        "a comparison with {literal:?}"
+    );
+    let column = match field {
         // Fixed text, because a partial index is only used where the statement shows that it covers the
         // question.
-        open if is_open(open) => {
+        Field::State if is_open(comparison) => {
             sql.text("state = 'OPEN'");
+            return;
         }
-        FieldComparison::State(operator, state) => {
-            push_equality(sql, "state", *operator).string(state.word());
+        Field::State => "state",
+        Field::Mode => "mode",
+        Field::Outcome => "outcome",
+        Field::Late => "late",
+        Field::Excluded => "(exclusion IS NOT NULL)",
+        Field::ClientId => "client_id",
+        Field::StateId => "state_id",
+        Field::Number => "number",
+        Field::Cost => "cost",
+        Field::Measurement(name) => {
+            push_operator(sql.member("measurements", name), *operator).member_literal(literal);
+            return;
         }
-        FieldComparison::Mode(operator, mode) => {
-            push_equality(sql, "mode", *operator).string(mode.word());
+        Field::Indicator(name) => {
+            push_operator(sql.member("indicators", name), *operator).member_literal(literal);
+            return;
         }
-        FieldComparison::Outcome(operator, kind) => {
-            push_equality(sql, "outcome", *operator).string(kind.word());
-        }
-        FieldComparison::Late(operator, late) => {
-            push_equality(sql, "late", *operator).flag(*late);
-        }
-        FieldComparison::Excluded(operator, excluded) => {
-            push_equality(sql, "(exclusion IS NOT NULL)", *operator).flag(*excluded);
-        }
-        FieldComparison::ClientId(operator, text) => {
-            push(sql, "client_id", *operator).string(text);
-        }
-        FieldComparison::StateId(operator, id) => {
-            push(sql, "state_id", *operator).integer(*id);
-        }
-        FieldComparison::Number(operator, number) => {
-            push(sql, "number", *operator).integer(*number);
-        }
-        FieldComparison::Cost(operator, cost) => {
-            push(sql, "cost", *operator).real(*cost);
-        }
-        FieldComparison::Measurement(name, operator, value) => {
-            push_operator(sql.member("measurements", name), *operator).member_value(*value);
-        }
-        FieldComparison::Indicator(name, operator, value) => {
-            push_operator(sql.member("indicators", name), *operator).member_value(*value);
-        }
-        FieldComparison::Configuration(name, operator, literal) => {
+        Field::Configuration(name) => {
             sql.parameter(name, *operator, literal);
+            return;
         }
-    }
-}
-
-/// A column whose values have no order.
-fn push_equality<'d, D: Dialect>(sql: &'d mut D, column: &str, operator: Operator) -> &'d mut D {
-    assert!(operator.is_equality(), "{column} is compared with {}", operator.symbol());
-    push(sql, column, operator)
-}
-
-fn push<'d, D: Dialect>(sql: &'d mut D, column: &str, operator: Operator) -> &'d mut D {
-    push_operator(sql.text(column), operator)
+    };
+    push_operator(sql.text(column), *operator).literal(literal);
 }
 
 /// ` operator `; the filter language and SQL have equal symbols.

@@ -1,9 +1,12 @@
 //! The meaning of a filter, in memory. Tests compare the translations to SQL with it.
 
+use std::mem::discriminant;
+
 use treewright_core::trial::RawTrial;
 use treewright_core::value::Value;
+use treewright_core::words::Word as _;
 
-use super::{FieldComparison, Filter, Literal, Operator};
+use super::{Field, FieldComparison, Filter, Literal, Operator};
 
 impl Filter {
     /// Whether every comparison holds for `trial`.
@@ -15,50 +18,34 @@ impl Filter {
 
 impl FieldComparison {
     fn holds(&self, trial: &RawTrial) -> bool {
-        match self {
-            Self::State(operator, state) => operator.equality(trial.state == *state),
-            Self::Mode(operator, mode) => operator.equality(trial.mode() == *mode),
-            Self::Outcome(operator, kind) => {
-                trial.outcome.as_ref().is_some_and(|outcome| operator.equality(outcome.kind() == *kind))
-            }
-            Self::Late(operator, late) => operator.equality(trial.late == *late),
-            Self::Excluded(operator, excluded) => operator.equality(trial.exclusion.is_some() == *excluded),
-            Self::ClientId(operator, text) => operator.holds(trial.client_id.as_str(), text),
-            Self::StateId(operator, id) => operator.holds(&signed(trial.state_id), id),
-            Self::Number(operator, number) => operator.holds(&signed(trial.number), number),
-            Self::Cost(operator, cost) => trial.cost.is_some_and(|own| operator.holds(&own, cost)),
-            Self::Measurement(name, operator, value) => {
-                trial.measurements.get(name).is_some_and(|own| operator.holds(own, value))
-            }
-            Self::Indicator(name, operator, value) => {
-                trial.indicators.get(name).is_some_and(|own| operator.holds(own, value))
-            }
-            Self::Configuration(name, operator, literal) => {
-                trial.configuration.get(name).is_some_and(|own| literal_holds(own, *operator, literal))
-            }
-        }
-    }
-}
-
-fn literal_holds(own: &Value, operator: Operator, literal: &Literal) -> bool {
-    match (own, literal) {
-        (Value::Text(own), Literal::Text(text)) => operator.holds(own, text),
-        (Value::Boolean(own), Literal::Boolean(boolean)) => operator.equality(own == boolean),
-        (Value::Integer(_) | Value::Float(_), Literal::Number(number)) => {
-            own.as_number().is_some_and(|own| operator.holds(&own, number))
-        }
-        _ => false,
+        let text = |text: &str| Some(Literal::Text(text.to_owned()));
+        let own = match &self.field {
+            Field::State => text(trial.state.word()),
+            Field::Mode => text(trial.mode().word()),
+            Field::Outcome => trial.outcome.as_ref().and_then(|outcome| text(outcome.kind().word())),
+            Field::Late => Some(Literal::Boolean(trial.late)),
+            Field::Excluded => Some(Literal::Boolean(trial.exclusion.is_some())),
+            Field::ClientId => text(&trial.client_id),
+            Field::StateId => Some(Literal::Whole(signed(trial.state_id))),
+            Field::Number => Some(Literal::Whole(signed(trial.number))),
+            Field::Cost => trial.cost.map(Literal::Number),
+            Field::Measurement(name) => trial.measurements.get(name).copied().map(Literal::Number),
+            Field::Indicator(name) => trial.indicators.get(name).copied().map(Literal::Number),
+            Field::Configuration(name) => trial.configuration.get(name).and_then(|own| match own {
+                Value::Text(own) => text(own),
+                Value::Boolean(own) => Some(Literal::Boolean(*own)),
+                number => number.as_number().map(Literal::Number),
+            }),
+        };
+        own.is_some_and(|own| {
+            discriminant(&own) == discriminant(&self.literal) && self.operator.holds(&own, &self.literal)
+        })
     }
 }
 
 impl Operator {
-    fn equality(self, equal: bool) -> bool {
-        assert!(self.is_equality(), "{} needs an order", self.symbol());
-        equal == (self == Self::Equal)
-    }
-
-    /// Compares two values of one ordered kind. Text is ordered by its bytes, as SQLite does.
-    fn holds<T: PartialOrd + ?Sized>(self, left: &T, right: &T) -> bool {
+    /// Compares two values of one kind. Text is ordered by its bytes, as SQLite does.
+    fn holds(self, left: &Literal, right: &Literal) -> bool {
         match self {
             Self::Equal => left == right,
             Self::NotEqual => left != right,

@@ -15,8 +15,6 @@ mod token;
 
 pub use order::{Order, OrderKey};
 
-use treewright_core::trial::{Mode, OutcomeKind, TrialState};
-
 /// A parsed filter: comparisons that must all hold. The empty filter matches every trial.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Filter {
@@ -89,28 +87,39 @@ impl Operator {
     }
 }
 
-/// A value that a parameter is compared with.
-#[derive(Clone, Debug, PartialEq)]
+/// A value that a field is compared with.
+#[derive(Clone, Debug, PartialEq, PartialOrd)]
 pub(crate) enum Literal {
     /// Finite. Compares with integers and floats.
     Number(f64),
+    /// Compares with columns of integers.
+    Whole(i64),
     Text(String),
     Boolean(bool),
 }
 
-/// One comparison. The parser gives kinds without an order only the operators `=` and `!=`.
+/// What of a trial is compared.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) enum FieldComparison {
-    State(Operator, TrialState),
-    Mode(Operator, Mode),
-    Outcome(Operator, OutcomeKind),
-    Late(Operator, bool),
-    Excluded(Operator, bool),
-    ClientId(Operator, String),
-    StateId(Operator, i64),
-    Number(Operator, i64),
-    Cost(Operator, f64),
-    Measurement(String, Operator, f64),
-    Indicator(String, Operator, f64),
-    Configuration(String, Operator, Literal),
+pub(crate) enum Field {
+    State,
+    Mode,
+    Outcome,
+    Late,
+    Excluded,
+    ClientId,
+    StateId,
+    Number,
+    Cost,
+    Measurement(String),
+    Indicator(String),
+    Configuration(String),
+}
+
+/// One comparison. The parser gives each field a literal of its kind (enums have their words), and kinds
+/// without an order only the operators `=` and `!=`.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct FieldComparison {
+    pub(crate) field: Field,
+    pub(crate) operator: Operator,
+    pub(crate) literal: Literal,
 }

@@ -7,16 +7,14 @@ use treewright_core::space::{EarlierSpaces, Space};
 use treewright_core::study::StudySpec;
 
 use super::token::{FilterToken, tokens};
-use super::{FieldComparison, Filter, FilterError};
+use super::{Field, Filter, FilterError};
 
 impl Filter {
     /// Whether there are names to check with [`check_names`](Self::check_names).
     #[must_use]
     pub fn has_names(&self) -> bool {
-        let is_named = |one: &FieldComparison| {
-            matches!(one, FieldComparison::Configuration(..) | FieldComparison::Indicator(..))
-        };
-        self.comparisons.iter().any(is_named)
+        let mut comparisons = self.comparisons.iter();
+        comparisons.any(|one| matches!(one.field, Field::Configuration(_) | Field::Indicator(_)))
     }
 
     /// Refuses parameters and indicators that the study does not have. Those of its earlier spaces find what
@@ -40,9 +38,9 @@ impl Filter {
         let indicators: Vec<&str> =
             spec.indicators.indicators().iter().map(|one| one.name.as_str()).collect();
         for comparison in &self.comparisons {
-            let (prefix, name, kind, names) = match comparison {
-                FieldComparison::Configuration(name, ..) => ("config", name, "parameter", &parameters),
-                FieldComparison::Indicator(name, ..) => ("indicator", name, "indicator", &indicators),
+            let (prefix, name, kind, names) = match &comparison.field {
+                Field::Configuration(name) => ("config", name, "parameter", &parameters),
+                Field::Indicator(name) => ("indicator", name, "indicator", &indicators),
                 _ => continue,
             };
             if !names.contains(&name.as_str()) {

@@ -2,10 +2,10 @@
 
 use treewright_core::names::{NAME_RULE, PARAMETER_NAME_RULE, is_name, is_parameter_name};
 use treewright_core::trial::{Mode, OutcomeKind, TrialState};
-use treewright_core::words::Word as _;
+use treewright_core::words::Word;
 
 use super::token::{FilterToken, PlacedToken, tokens};
-use super::{FieldComparison, Filter, FilterError, Literal, Operator};
+use super::{Field, FieldComparison, Filter, FilterError, Literal};
 use crate::limits;
 
 const FIELDS: &str = "a field: state, mode, outcome, client_id, state_id, number, cost, late, excluded, \
@@ -95,140 +95,87 @@ impl Parser {
     }
 
     fn comparison(&mut self) -> Result<FieldComparison, FilterError> {
-        let field = self.take(FIELDS)?;
-        let FilterToken::Word(word) = &field.token else {
-            return Err(unexpected(field.position, &field.token, FIELDS));
-        };
-        let prefixed = word.split_once('.');
-        let known = match prefixed {
-            Some((prefix, _)) => matches!(prefix, "measurement" | "config" | "indicator"),
-            None => matches!(
-                word.as_str(),
-                "state"
-                    | "mode"
-                    | "outcome"
-                    | "client_id"
-                    | "state_id"
-                    | "number"
-                    | "cost"
-                    | "late"
-                    | "excluded"
-            ),
-        };
-        if !known {
-            return Err(unexpected(field.position, &field.token, FIELDS));
-        }
-        let named = match prefixed {
-            Some(("config", rest)) => parameter_name(rest, field.position + "config.".len())?,
-            Some((prefix, rest)) => name(rest, field.position + prefix.len() + 1)?,
-            None => String::new(),
+        let placed = self.take(FIELDS)?;
+        let unknown = || unexpected(placed.position, &placed.token, FIELDS);
+        let FilterToken::Word(word) = &placed.token else { return Err(unknown()) };
+        let rest = word.split_once('.').map_or("", |(_, rest)| rest);
+        let rest_position = placed.position + word.chars().count() - rest.chars().count();
+        let field = match word.strip_suffix(rest).unwrap_or(word) {
+            "state" => Field::State,
+            "mode" => Field::Mode,
+            "outcome" => Field::Outcome,
+            "late" => Field::Late,
+            "excluded" => Field::Excluded,
+            "client_id" => Field::ClientId,
+            "state_id" => Field::StateId,
+            "number" => Field::Number,
+            "cost" => Field::Cost,
+            "measurement." => Field::Measurement(name(rest, rest_position)?),
+            "indicator." => Field::Indicator(name(rest, rest_position)?),
+            "config." => Field::Configuration(parameter_name(rest, rest_position)?),
+            _ => return Err(unknown()),
         };
 
-        let operator = self.operator()?;
-        Ok(match prefixed.map_or(word.as_str(), |(prefix, _)| prefix) {
-            "state" => {
-                FieldComparison::State(operator.equality("state")?, self.word(TrialState::WORDS, "a state")?)
+        let position = self.position();
+        let operator = self.read("an operator: = != < <= > >=", |token| match token {
+            FilterToken::Operator(operator) => Some(*operator),
+            _ => None,
+        })?;
+        let literal = match &field {
+            Field::State => self.word::<TrialState>("a state")?,
+            Field::Mode => self.word::<Mode>("a mode")?,
+            Field::Outcome => self.word::<OutcomeKind>("an outcome")?,
+            Field::Late | Field::Excluded => {
+                self.literal("a truth value: true, false", |literal| matches!(literal, Literal::Boolean(_)))?
             }
-            "mode" => FieldComparison::Mode(operator.equality("mode")?, self.word(Mode::WORDS, "a mode")?),
-            "outcome" => FieldComparison::Outcome(
-                operator.equality("outcome")?,
-                self.word(OutcomeKind::WORDS, "an outcome")?,
-            ),
-            "late" => {
-                FieldComparison::Late(operator.equality("late")?, self.word(BOOLEANS, "a truth value")?)
+            Field::ClientId => {
+                self.literal("text in double quotes", |literal| matches!(literal, Literal::Text(_)))?
             }
-            "excluded" => FieldComparison::Excluded(
-                operator.equality("excluded")?,
-                self.word(BOOLEANS, "a truth value")?,
-            ),
-            "client_id" => FieldComparison::ClientId(operator.operator, self.text()?),
-            "state_id" => FieldComparison::StateId(operator.operator, self.whole_number()?),
-            "number" => FieldComparison::Number(operator.operator, self.whole_number()?),
-            "cost" => FieldComparison::Cost(operator.operator, self.number()?),
-            "measurement" => FieldComparison::Measurement(named, operator.operator, self.number()?),
-            "indicator" => FieldComparison::Indicator(named, operator.operator, self.number()?),
-            _ => {
-                let literal = self.literal()?;
-                if matches!(literal, Literal::Boolean(_)) {
-                    operator.equality("a boolean parameter")?;
-                }
-                FieldComparison::Configuration(named, operator.operator, literal)
+            Field::StateId | Field::Number => self.read("a whole number", |token| match token {
+                FilterToken::Number(written) => written.parse().ok().map(Literal::Whole),
+                _ => None,
+            })?,
+            Field::Cost | Field::Measurement(_) | Field::Indicator(_) => {
+                self.literal("a number", |literal| matches!(literal, Literal::Number(_)))?
             }
-        })
-    }
-
-    fn operator(&mut self) -> Result<PlacedOperator, FilterError> {
-        const EXPECTED: &str = "an operator: = != < <= > >=";
-        let placed = self.take(EXPECTED)?;
-        match placed.token {
-            FilterToken::Operator(operator) => Ok(PlacedOperator { position: placed.position, operator }),
-            other => Err(unexpected(placed.position, &other, EXPECTED)),
+            Field::Configuration(_) => {
+                self.literal("a number, text in double quotes, true or false", |_| true)?
+            }
+        };
+        let unordered = match (&field, &literal) {
+            (Field::Configuration(_), Literal::Boolean(_)) => Some("a boolean parameter"),
+            (Field::State | Field::Mode | Field::Outcome, _) | (_, Literal::Boolean(_)) => Some(&**word),
+            _ => None,
+        };
+        match unordered {
+            Some(what) if !operator.is_equality() => {
+                Err(FilterError::new(position, format!("{what} is compared with = or != only")))
+            }
+            _ => Ok(FieldComparison { field, operator, literal }),
         }
     }
 
-    /// One of a list of words.
-    fn word<T: Copy>(&mut self, words: &[(T, &str)], what: &str) -> Result<T, FilterError> {
-        let list: Vec<&str> = words.iter().map(|(_, word)| *word).collect();
-        let expected = format!("{what}: {}", list.join(", "));
-        self.read(&expected, |token| match token {
-            FilterToken::Word(word) => words.iter().find(|(_, known)| known == word).map(|(value, _)| *value),
+    /// One of an enum's words.
+    fn word<W: Word>(&mut self, what: &str) -> Result<Literal, FilterError> {
+        let words: Vec<&str> = W::WORDS.iter().map(|(_, word)| *word).collect();
+        self.read(&format!("{what}: {}", words.join(", ")), |token| match token {
+            FilterToken::Word(word) if words.contains(&word.as_str()) => Some(Literal::Text(word.clone())),
             _ => None,
         })
     }
 
-    fn text(&mut self) -> Result<String, FilterError> {
-        self.read("text in double quotes", |token| match token {
-            FilterToken::Text(text) => Some(text.clone()),
-            _ => None,
-        })
-    }
-
-    fn number(&mut self) -> Result<f64, FilterError> {
-        const EXPECTED: &str = "a number";
-        let placed = self.take(EXPECTED)?;
-        match &placed.token {
-            FilterToken::Number(written) => finite(written, placed.position),
-            other => Err(unexpected(placed.position, other, EXPECTED)),
-        }
-    }
-
-    fn whole_number(&mut self) -> Result<i64, FilterError> {
-        self.read("a whole number", |token| match token {
-            FilterToken::Number(written) => written.parse().ok(),
-            _ => None,
-        })
-    }
-
-    fn literal(&mut self) -> Result<Literal, FilterError> {
-        const EXPECTED: &str = "a number, text in double quotes, true or false";
-        let placed = self.take(EXPECTED)?;
-        match &placed.token {
-            FilterToken::Number(written) => finite(written, placed.position).map(Literal::Number),
-            FilterToken::Text(text) => Ok(Literal::Text(text.clone())),
-            FilterToken::Word(word) if word == "true" => Ok(Literal::Boolean(true)),
-            FilterToken::Word(word) if word == "false" => Ok(Literal::Boolean(false)),
-            other => Err(unexpected(placed.position, other, EXPECTED)),
-        }
+    /// A literal of a kind that the field takes.
+    fn literal(&mut self, expected: &str, is_right: fn(&Literal) -> bool) -> Result<Literal, FilterError> {
+        let placed = self.take(expected)?;
+        let literal = match &placed.token {
+            FilterToken::Number(written) => Some(Literal::Number(finite(written, placed.position)?)),
+            FilterToken::Text(text) => Some(Literal::Text(text.clone())),
+            FilterToken::Word(word) => word.parse().ok().map(Literal::Boolean),
+            FilterToken::Operator(_) => None,
+        };
+        literal.filter(is_right).ok_or_else(|| unexpected(placed.position, &placed.token, expected))
     }
 }
-
-struct PlacedOperator {
-    position: usize,
-    operator: Operator,
-}
-
-impl PlacedOperator {
-    /// The operator, if it needs no order.
-    fn equality(&self, field: &str) -> Result<Operator, FilterError> {
-        if self.operator.is_equality() {
-            Ok(self.operator)
-        } else {
-            Err(FilterError::new(self.position, format!("{field} is compared with = or != only")))
-        }
-    }
-}
-
-const BOOLEANS: &[(bool, &str)] = &[(true, "true"), (false, "false")];
 
 fn finite(written: &str, position: usize) -> Result<f64, FilterError> {
     match written.parse::<f64>() {

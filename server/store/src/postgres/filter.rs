@@ -41,18 +41,13 @@ impl Dialect for QueryBuilder<Postgres> {
 
     fn parameter(&mut self, name: &str, operator: Operator, literal: &Literal) -> &mut Self {
         let (kind, cast) = match literal {
-            Literal::Number(_) => ("number", "::double precision"),
+            Literal::Number(_) | Literal::Whole(_) => ("number", "::double precision"),
             Literal::Text(_) => ("string", " COLLATE \"C\""),
             Literal::Boolean(_) => ("boolean", "::boolean"),
         };
         self.push("(CASE WHEN json_typeof(configuration -> ").push_bind(name.to_owned());
         self.push(") = ").push_bind(kind).push(" THEN (configuration ->> ").push_bind(name.to_owned());
         push_operator(self.push(")").push(cast), operator);
-        match literal {
-            Literal::Number(number) => self.real(*number),
-            Literal::Text(text) => self.string(text),
-            Literal::Boolean(boolean) => self.flag(*boolean),
-        }
-        .push(" ELSE false END)")
+        self.member_literal(literal).push(" ELSE false END)")
     }
 }

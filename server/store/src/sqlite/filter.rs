@@ -41,18 +41,13 @@ impl Dialect for QueryBuilder<Sqlite> {
     fn parameter(&mut self, name: &str, operator: Operator, literal: &Literal) -> &mut Self {
         const COLUMN: &str = "configuration";
         let kinds = match literal {
-            Literal::Number(_) => " IN ('integer', 'real') AND ",
+            Literal::Number(_) | Literal::Whole(_) => " IN ('integer', 'real') AND ",
             Literal::Text(_) => " = 'text' AND ",
             Literal::Boolean(_) => " IN ('true', 'false') AND ",
         };
         push_member(self.push("("), "json_type", COLUMN, name).push(kinds);
         push_operator(push_member(self, "json_extract", COLUMN, name), operator);
-        match literal {
-            Literal::Number(number) => self.member_value(*number),
-            Literal::Text(text) => self.string(text),
-            Literal::Boolean(boolean) => self.flag(*boolean),
-        }
-        .push(")")
+        self.member_literal(literal).push(")")
     }
 }
 
