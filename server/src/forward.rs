@@ -141,19 +141,8 @@ where
     async fn there(&self, study: &str, address: &str) -> Result<Option<Response<Body>>, Status> {
         let mut request = self.request();
         let channel = self.peers.pass_on(address, request.headers_mut())?;
-        let Some(answer) = self.peers.while_held(study, address, whole(channel, request)).await else {
-            return Ok(None);
-        };
-        match answer {
-            Ok(theirs) => {
-                self.peers.answered(address);
-                Ok(Some(theirs).filter(|theirs| !is_unavailable(theirs)))
-            }
-            Err(error) => {
-                self.peers.silent(address, &error);
-                Ok(None)
-            }
-        }
+        let theirs = self.peers.ask(study, address, whole(channel, request)).await;
+        Ok(theirs.filter(|theirs| !is_unavailable(theirs)))
     }
 
     fn doubt(&self, study: &str) {

@@ -147,23 +147,13 @@ impl Peers {
         self.store.doubt(study);
     }
 
-    /// The replica gave an answer of any kind.
-    pub(crate) fn answered(&self, address: &str) {
-        self.links.answered(address);
-    }
-
-    /// The replica did not answer.
-    pub(crate) fn silent(&self, address: &str, error: &(dyn std::error::Error + 'static)) {
-        self.links.silent(address, error);
-    }
-
     /// Waits for a replica's answer as long as the replica counts as alive: a frozen one keeps its
-    /// connections and stays silent. None when the replica was given up.
-    pub(crate) async fn while_held<T>(
+    /// connections and stays silent. None when the replica did not answer, or was given up.
+    pub(crate) async fn ask<T>(
         &self,
         study: &str,
         address: &str,
-        answer: impl Future<Output = T>,
+        answer: impl Future<Output = Result<T, Status>>,
     ) -> Option<T> {
         let given_up = async {
             loop {
@@ -173,13 +163,15 @@ impl Peers {
                 }
             }
         };
-        tokio::select! {
-            answer = answer => Some(answer),
-            () = given_up => {
-                self.silent(address, &Status::unavailable("it was given up while it had a request"));
-                None
-            }
+        let answer = tokio::select! {
+            answer = answer => answer,
+            () = given_up => Err(Status::unavailable("it was given up while it had a request")),
+        };
+        match &answer {
+            Ok(_) => self.links.answered(address),
+            Err(error) => self.links.silent(address, error),
         }
+        answer.ok()
     }
 
     /// No replica did the request in time.

@@ -100,22 +100,10 @@ impl<A: Attempt> Seeking for SeekingFrame<'_, A> {
 
     async fn there(&self, study: &str, address: &str) -> Result<Option<wire::TuneResponse>, Status> {
         let frame = self.peers.frame(address, self.metadata, self.frame.clone());
-        let Some(answer) = self.peers.while_held(study, address, frame).await else {
-            return Ok(None);
-        };
-        match answer {
-            Ok(theirs) => {
-                self.peers.answered(address);
-                match theirs {
-                    Ok(theirs) => Ok(Some(theirs).filter(|theirs| !is_open(theirs))),
-                    Err(status) if status.code() == Code::Unavailable => Ok(None),
-                    Err(status) => Err(status),
-                }
-            }
-            Err(error) => {
-                self.peers.silent(address, &error);
-                Ok(None)
-            }
+        match self.peers.ask(study, address, frame).await.transpose() {
+            Ok(theirs) => Ok(theirs.filter(|theirs| !is_open(theirs))),
+            Err(status) if status.code() == Code::Unavailable => Ok(None),
+            Err(status) => Err(status),
         }
     }
 
