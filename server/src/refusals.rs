@@ -138,7 +138,7 @@ mod tests {
         }
         assert_eq!(refusals.take_line("draining"), None);
         assert_eq!(refusals.take_line("busy"), Some(0));
-        let text = refusals.metrics().text(&crate::metrics::Moment::default()).expect("text");
+        let text = refusals.metrics().text(&[], |_| {}).expect("text");
         let counted = format!("treewright_refusals_total{{reason=\"draining\"}} {}", REFUSAL_LINES + 1);
         assert!(text.contains(&counted), "{text}");
     }

@@ -13,10 +13,10 @@ use http::{HeaderValue, Method, Request, Response, StatusCode, header};
 use hyper::body::Incoming;
 use treewright_store::{Store, StoreError};
 
-use crate::admission::{Admission, AdmissionLimits};
+use crate::admission::Admission;
 use crate::connections::pages::Pages;
 use crate::connections::{ConnectionSlot, ConnectionSlots, Unfinished};
-use crate::metrics::{Metrics, Moment};
+use crate::metrics::{self, Metrics};
 use crate::tls::Tls;
 use crate::tuning::Tuning;
 use crate::{limits, maintenance};
@@ -55,31 +55,36 @@ impl Watched {
         }
     }
 
-    async fn moment(&self) -> Moment {
+    async fn figures(&self) -> Result<String, std::fmt::Error> {
+        // A silent database must not hide the other figures.
+        let size = tokio::time::timeout(limits::READY, self.store.size()).await.ok().flatten();
+        let size = size.unwrap_or_default();
         let (in_flight, streams) = self.admission.in_progress();
         let (studies_in_memory, open_leases) = self.tuning.in_use();
         let (connections, newcomers) = self.connection_slots.counts();
-        let AdmissionLimits { requests, streams: most_streams } = self.admission.limits();
-        Moment {
-            limits: (self.connection_slots.limit(), requests, most_streams),
-            connections,
-            newcomers,
-            in_flight,
-            streams,
-            studies_in_memory,
-            open_leases,
-            // A silent database must not hide the other figures.
-            size: tokio::time::timeout(limits::READY, self.store.size())
-                .await
-                .ok()
-                .flatten()
-                .unwrap_or_default(),
-            draining: self.admission.is_draining(),
-            unfinished: self.unfinished.bytes(),
-            certificate_expiry_s: self.tls.as_ref().map(|tls| tls.expiry_s()),
-            last_backup_s: self.backup_mark.as_deref().and_then(maintenance::last_backup_s),
-            studies: self.tuning.figures(self.studies_shown),
-        }
+        let most = self.admission.limits();
+        self.metrics.text(&self.tuning.figures(self.studies_shown), |now| {
+            for (gauge, count) in [
+                (&now.connections, connections),
+                (&now.newcomers, newcomers),
+                (&now.in_flight, in_flight),
+                (&now.streams, streams),
+                (&now.studies_in_memory, studies_in_memory),
+                (&now.draining, usize::from(self.admission.is_draining())),
+                (&now.unfinished, self.unfinished.bytes()),
+                (&now.connections_limit, self.connection_slots.limit()),
+                (&now.in_flight_limit, most.requests),
+                (&now.streams_limit, most.streams),
+            ] {
+                metrics::set(gauge, count as u64);
+            }
+            metrics::set(&now.open_leases, open_leases);
+            metrics::set(&now.database, size.database_bytes);
+            metrics::set(&now.database_log, size.log_bytes);
+            now.certificate_expiry.set(self.tls.as_ref().map_or(0, |tls| tls.expiry_s()));
+            now.last_backup
+                .set(self.backup_mark.as_deref().and_then(maintenance::last_backup_s).unwrap_or(0));
+        })
     }
 
     async fn respond(&self, request: &Request<Incoming>) -> Response<String> {
@@ -93,7 +98,7 @@ impl Watched {
             return of(StatusCode::METHOD_NOT_ALLOWED, PLAIN, "only GET\n".to_owned());
         }
         match request.uri().path() {
-            "/metrics" => match self.metrics.text(&self.moment().await) {
+            "/metrics" => match self.figures().await {
                 Ok(text) => of(StatusCode::OK, OPEN_METRICS, text),
                 Err(error) => of(StatusCode::INTERNAL_SERVER_ERROR, PLAIN, format!("{error}\n")),
             },

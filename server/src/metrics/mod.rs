@@ -21,7 +21,7 @@ macro_rules! figures {
         $(#[$about])*
         #[derive(Debug)]
         $visibility struct $set {
-            $($figure: $kind,)+
+            $($visibility $figure: $kind,)+
         }
 
         impl Default for $set {
@@ -55,7 +55,7 @@ use prometheus_client::registry::{Registry, Unit};
 use tonic::Code;
 use treewright_core::trial::TrialState;
 use treewright_core::tuner::Change;
-use treewright_store::{Receipt, StoreError, StoreSize};
+use treewright_store::{Receipt, StoreError};
 
 use crate::access::rules::{RULES, rule_for};
 use crate::status;
@@ -137,7 +137,7 @@ figures! {
 
 figures! {
     /// Figures that are set at every request for metrics.
-    struct MomentGauges {
+    pub(crate) struct MomentGauges {
         connections: Gauge, "connections", "Open connections";
         newcomers: Gauge,
             "connections_unauthorised", "Open connections on which no request was authorised yet";
@@ -166,35 +166,6 @@ figures! {
         since_durable: Gauge<f64, AtomicU64>, "since_durable",
             "Time since a decision was last found to be on the disk, or since the start", Seconds;
     }
-}
-
-/// The figures of this moment for [`Metrics::text`].
-#[derive(Clone, Debug, Default)]
-pub(crate) struct Moment {
-    pub(crate) connections: usize,
-    /// Open connections without an authorised request.
-    pub(crate) newcomers: usize,
-    /// Requests in progress.
-    pub(crate) in_flight: usize,
-    pub(crate) streams: usize,
-    /// Studies whose tuner is in memory.
-    pub(crate) studies_in_memory: usize,
-    /// Trials of these studies that are under a lease.
-    pub(crate) open_leases: u64,
-    /// The size of the database.
-    pub(crate) size: StoreSize,
-    /// Most connections, requests and streams.
-    pub(crate) limits: (usize, usize, usize),
-    /// Whether the daemon is ending.
-    pub(crate) draining: bool,
-    /// Bytes of incomplete requests, and of unread answers.
-    pub(crate) unfinished: usize,
-    /// The end of the certificate in use, in seconds since 1970; none without one.
-    pub(crate) certificate_expiry_s: Option<i64>,
-    /// The time of the last backup, in seconds since 1970; none where it is unknown.
-    pub(crate) last_backup_s: Option<i64>,
-    /// The studies that are shown.
-    pub(crate) studies: Vec<StudyFigures>,
 }
 
 /// Why connections are lost.
@@ -341,35 +312,21 @@ impl Metrics {
         self.events.unthought.inc();
     }
 
-    /// All figures in OpenMetrics' text form.
-    pub(crate) fn text(&self, moment: &Moment) -> Result<String, std::fmt::Error> {
+    /// All figures in OpenMetrics' text form: those of these studies, and those that `look` sets.
+    pub(crate) fn text(
+        &self,
+        studies: &[StudyFigures],
+        look: impl FnOnce(&MomentGauges),
+    ) -> Result<String, std::fmt::Error> {
         // Held to the end, so that two requests at once do not mix their moments.
         let registry = self.registry.lock().unwrap_or_else(PoisonError::into_inner);
-        self.studies.show(&moment.studies);
+        self.studies.show(studies);
         let now = &self.now;
+        look(now);
         let (descriptors, descriptors_limit) = process::descriptors().unwrap_or((0, 0));
-        for (gauge, value) in [
-            (&now.connections, moment.connections as u64),
-            (&now.newcomers, moment.newcomers as u64),
-            (&now.in_flight, moment.in_flight as u64),
-            (&now.streams, moment.streams as u64),
-            (&now.studies_in_memory, moment.studies_in_memory as u64),
-            (&now.open_leases, moment.open_leases),
-            (&now.draining, u64::from(moment.draining)),
-            (&now.connections_limit, moment.limits.0 as u64),
-            (&now.in_flight_limit, moment.limits.1 as u64),
-            (&now.streams_limit, moment.limits.2 as u64),
-            (&now.unfinished, moment.unfinished as u64),
-            (&now.descriptors, descriptors),
-            (&now.descriptors_limit, descriptors_limit),
-            (&now.memory, process::resident_bytes().unwrap_or(0)),
-            (&now.database, moment.size.database_bytes),
-            (&now.database_log, moment.size.log_bytes),
-        ] {
-            gauge.set(i64::try_from(value).unwrap_or(i64::MAX));
-        }
-        now.certificate_expiry.set(moment.certificate_expiry_s.unwrap_or(0));
-        now.last_backup.set(moment.last_backup_s.unwrap_or(0));
+        set(&now.descriptors, descriptors);
+        set(&now.descriptors_limit, descriptors_limit);
+        set(&now.memory, process::resident_bytes().unwrap_or(0));
         now.processor_seconds.set(process::processor_seconds().unwrap_or(0.0));
         let last_durable = *self.last_durable.lock().unwrap_or_else(PoisonError::into_inner);
         now.since_durable.set(last_durable.elapsed().as_secs_f64());
@@ -377,6 +334,11 @@ impl Metrics {
         prometheus_client::encoding::text::encode(&mut text, &registry)?;
         Ok(text)
     }
+}
+
+/// Sets a gauge to a count.
+pub(crate) fn set(gauge: &Gauge, count: u64) {
+    gauge.set(i64::try_from(count).unwrap_or(i64::MAX));
 }
 
 /// A place in the queue to the disk, even of a request that is cancelled while it waits.
@@ -430,10 +392,9 @@ mod tests {
         metrics.refused("scope");
         metrics.expired(2);
         let text = metrics
-            .text(&Moment {
-                open_leases: 3,
-                size: StoreSize { database_bytes: 4096, log_bytes: 512 },
-                ..Moment::default()
+            .text(&[], |now| {
+                set(&now.open_leases, 3);
+                set(&now.database, 4096);
             })
             .unwrap();
         for line in [
@@ -445,7 +406,6 @@ mod tests {
             "treewright_expired_leases_total 2",
             "treewright_open_leases 3",
             "treewright_database_bytes 4096",
-            "treewright_database_log_bytes 512",
             "# EOF",
         ] {
             assert!(text.contains(line), "{line} is not in\n{text}");
@@ -454,7 +414,7 @@ mod tests {
 
     #[test]
     fn whatever_can_happen_is_counted_from_zero() {
-        let text = Metrics::new().text(&Moment::default()).unwrap();
+        let text = Metrics::new().text(&[], |_| {}).unwrap();
         for line in [
             "treewright_refusals_total{reason=\"defect\"} 0",
             "treewright_refusals_total{reason=\"store\"} 0",
@@ -484,8 +444,7 @@ mod tests {
                 unsaved_trials: 2,
                 model_age_ms: Some(1500),
             };
-            let moment = Moment { studies: studies.iter().map(figures).collect(), ..Moment::default() };
-            metrics.text(&moment).unwrap()
+            metrics.text(&studies.iter().map(figures).collect::<Vec<_>>(), |_| {}).unwrap()
         };
         for _ in 0..2 {
             let text = shown(&["hall", "attic"]);
@@ -506,7 +465,7 @@ mod tests {
     async fn silence_of_the_disk_shows() {
         let metrics = Metrics::new();
         let since = |metrics: &Metrics| {
-            let text = metrics.text(&Moment::default()).unwrap();
+            let text = metrics.text(&[], |_| {}).unwrap();
             let line =
                 text.lines().find(|line| line.starts_with("treewright_since_durable_seconds ")).unwrap();
             line.rsplit(' ').next().unwrap().parse::<f64>().unwrap()

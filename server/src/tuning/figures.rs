@@ -47,7 +47,6 @@ mod tests {
     use super::*;
     use crate::clock::ManualClock;
     use crate::convert::names::TrialName;
-    use crate::metrics::Moment;
 
     /// The second lost lease of a configuration completes its trial as infeasible.
     #[tokio::test]
@@ -74,7 +73,7 @@ mod tests {
         let after = tuning.get_study("hall").await.expect("there").statistics.completed_trials;
         assert_eq!(after, before + 1, "one is given up");
         assert_eq!(tuning.figures(1)[0].tally.expired, 2);
-        let text = tuning.metrics().text(&Moment::default()).expect("text");
+        let text = tuning.metrics().text(&[], |_| {}).expect("text");
         for line in ["treewright_expired_leases_total 2", "treewright_late_reports_total 0"] {
             assert!(text.contains(line), "{line} is not in\n{text}");
         }
