@@ -30,7 +30,11 @@ async fn best(client: &mut Client) -> wire::Best {
     client.get_best(request).await.expect("something was measured").into_inner()
 }
 
-async fn no_answer_rests_on_what_is_excluded(server: &Server) {
+#[tokio::test]
+async fn no_answer_rests_on_what_is_excluded() {
+    let folder = tempfile::tempdir().expect("a scratch folder");
+    let path = folder.path().join("studies.db");
+    let server = Server::on_disk(&path, START_MS).await;
     let mut client = server.client().await;
     create(&mut client, "hall").await;
     let good = measured(&mut client, 5.0).await;
@@ -62,22 +66,8 @@ async fn no_answer_rests_on_what_is_excluded(server: &Server) {
         let trial = client.suggest(ask("b", 10.0)).await.expect("a trial").into_inner();
         done(&mut client, &trial.name, 9.0).await;
     }
-}
 
-#[tokio::test]
-async fn no_answer_rests_on_what_is_excluded_in_memory() {
-    let server = Server::in_memory().await;
-    no_answer_rests_on_what_is_excluded(&server).await;
-    server.stop().await;
-}
-
-#[tokio::test]
-async fn no_answer_rests_on_what_is_excluded_after_a_restart() {
-    let folder = tempfile::tempdir().expect("a scratch folder");
-    let path = folder.path().join("studies.db");
-    let server = Server::on_disk(&path, START_MS).await;
-    no_answer_rests_on_what_is_excluded(&server).await;
-    let before = best(&mut server.client().await).await;
+    let before = best(&mut client).await;
     server.stop().await;
     let server = Server::on_disk(&path, START_MS).await;
     let mut client = server.client().await;

@@ -87,7 +87,11 @@ async fn best(client: &mut Client) -> wire::Best {
     client.get_best(request).await.expect("something was measured").into_inner()
 }
 
-async fn trials_stay_and_clients_of_both_spaces_are_served(server: &Server) {
+#[tokio::test]
+async fn trials_stay_and_clients_of_both_spaces_are_served() {
+    let folder = tempfile::tempdir().expect("a scratch folder");
+    let path = folder.path().join("studies.db");
+    let server = Server::on_disk(&path, START_MS).await;
     let mut client = server.client().await;
     assert_eq!(create(&mut client, "hall").await.space_revision, 1);
     for _ in 0..12 {
@@ -103,13 +107,10 @@ async fn trials_stay_and_clients_of_both_spaces_are_served(server: &Server) {
 
     let first = get(&mut client, "studies/hall/trials/1").await;
     assert_eq!(number(&values(&first), "spp"), None, "a trial keeps what it ran with");
-    let query = |in_present_space| wire::QueryTrialsRequest {
-        study: "studies/hall".to_owned(),
-        in_present_space,
-        ..Default::default()
-    };
     for (in_present_space, spp) in [(false, None), (true, Some(4))] {
-        let page = client.query_trials(query(in_present_space)).await.expect("a page").into_inner();
+        let study = "studies/hall".to_owned();
+        let query = wire::QueryTrialsRequest { study, in_present_space, ..Default::default() };
+        let page = client.query_trials(query).await.expect("a page").into_inner();
         assert_eq!(page.trials.len(), 12);
         assert!(page.trials.iter().all(|trial| number(&values(trial), "spp") == spp));
     }
@@ -146,22 +147,8 @@ async fn trials_stay_and_clients_of_both_spaces_are_served(server: &Server) {
     assert_eq!((new.space_revision, new.space.expect("it has one").parameters.len()), (2, 4));
     let other = created(&mut client, of_qualities(&["low"])).await;
     assert_refused(other, Code::AlreadyExists, "change the study's space");
-}
 
-#[tokio::test]
-async fn trials_stay_and_clients_of_both_spaces_are_served_in_memory() {
-    let server = Server::in_memory().await;
-    trials_stay_and_clients_of_both_spaces_are_served(&server).await;
-    server.stop().await;
-}
-
-#[tokio::test]
-async fn trials_stay_and_clients_of_both_spaces_are_served_after_a_restart() {
-    let folder = tempfile::tempdir().expect("a scratch folder");
-    let path = folder.path().join("studies.db");
-    let server = Server::on_disk(&path, START_MS).await;
-    trials_stay_and_clients_of_both_spaces_are_served(&server).await;
-    let before = best(&mut server.client().await).await;
+    let before = best(&mut client).await;
     server.stop().await;
     let server = Server::on_disk(&path, START_MS).await;
     let mut client = server.client().await;

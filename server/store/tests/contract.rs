@@ -23,6 +23,7 @@ contract!(
     of_two_changes_in_one_commit_the_last_wins,
     clients_are_forgotten_unless_they_come_back,
     a_completed_trial_is_never_changed,
+    a_trial_is_excluded_and_counts_again,
     who_holds_an_open_trial_is_kept,
     a_commit_is_stored_whole_or_not_at_all,
     a_newer_load_breaks_the_fence,
@@ -266,6 +267,42 @@ async fn a_completed_trial_is_never_changed(store: &dyn Store) {
     assert!(!held.holds());
     let error = commit(store, &held, &[change(vec![open(2)])]).await.unwrap_err();
     assert!(matches!(error, StoreError::Fenced { .. }));
+}
+
+/// Its data stays as it was.
+async fn a_trial_is_excluded_and_counts_again(store: &dyn Store) {
+    store.create_study("hall", &spec(), 5).await.expect("created");
+    let held = store.load("hall").await.expect("loaded").fence;
+    let trials = vec![completed(1, 1, Outcome::Ok), completed(2, 2, Outcome::Ok), open(3)];
+    store.commit(&held, &[change(trials)]).durable().await.expect("stored");
+    let checkpoint = Checkpoint { completion: 2, bytes: vec![7; 9] };
+    store.save_checkpoint(&held, &checkpoint).await.expect("saved");
+
+    let before = store.get_trial("hall", 1).await.expect("there");
+    let reason = "it's \"odd\" ä";
+    store.exclude_trial(&held, 1, Some(reason)).durable().await.expect("excluded");
+    let after = RawTrial { exclusion: Some(reason.to_owned()), ..before.clone() };
+    assert_eq!(store.get_trial("hall", 1).await.expect("there"), after);
+    assert_eq!(store.completed_trials(&held, 0, 9).await.expect("a stretch")[0], after);
+    assert_eq!(numbers(store, "excluded = true").await, [1]);
+    assert_eq!(numbers(store, "excluded != true").await, [2, 3]);
+    assert_eq!(numbers(store, "state = COMPLETED AND excluded = false").await, [2]);
+    let loaded = store.load("hall").await.expect("loaded");
+    assert_eq!((loaded.checkpoint, loaded.study.statistics.completed_trials), (None, 2));
+
+    let other = change(vec![completed(1, 1, Outcome::failed("something else"))]);
+    store.commit(&loaded.fence, &[other]).durable().await.expect_err("it is as final as ever");
+    let held = store.load("hall").await.expect("loaded").fence;
+    store.exclude_trial(&held, 1, None).durable().await.expect("included");
+    assert_eq!(store.get_trial("hall", 1).await.expect("there"), before);
+
+    for number in [3, 99] {
+        let held = store.load("hall").await.expect("loaded").fence;
+        store.exclude_trial(&held, number, Some("?")).durable().await.expect_err("it has no result");
+        assert!(!held.holds());
+    }
+    store.exclude_trial(&held, 2, Some("?")).durable().await.expect_err("the study was loaded since");
+    assert_eq!(numbers(store, "excluded = true").await, [0; 0]);
 }
 
 async fn who_holds_an_open_trial_is_kept(store: &dyn Store) {
