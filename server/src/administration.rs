@@ -56,7 +56,7 @@ pub struct CommandOutput {
 /// # Errors
 /// [`OpenError`] with the cause and a remedy.
 pub async fn open(config: &DatabaseConfig) -> Result<Arc<dyn TokenStore>, OpenError> {
-    match config.read().map_err(|problem| OpenError::BadAddress { problem })? {
+    match config.read().map_err(OpenError::BadAddress)? {
         Database::File(path) => Ok(Arc::new(SqliteTokens::open(&path).await?)),
         #[cfg(feature = "postgres")]
         Database::Postgres(server) => Ok(Arc::new(PostgresTokens::open(&server, config.wait()).await?)),

@@ -172,7 +172,7 @@ pub async fn run(config: ServeConfig, metrics: Arc<Metrics>) -> Result<(), Daemo
         }
         None => None,
     };
-    let database = config.database.read().map_err(|problem| OpenError::BadAddress { problem })?;
+    let database = config.database.read().map_err(OpenError::BadAddress)?;
     let store = open(&config, &database, address).await?;
     // Tokens end by the calendar, leases after a time.
     let (calendar, clock) = (Arc::new(SystemClock::default()), Arc::new(SteadyClock::new()));

@@ -34,12 +34,9 @@ pub enum Error {
     },
     /// The requested study is gone, and another has its name.
     #[error(
-        "study {study:?} was deleted and created again, and this request is for the one before; open the study again"
+        "study {0:?} was deleted and created again, and this request is for the one before; open the study again"
     )]
-    Replaced {
-        /// The study's id.
-        study: String,
-    },
+    Replaced(String),
     /// The space was changed since the revision that a change is for.
     #[error("the space of study {study:?} has revision {present}, not {given}; read the study again")]
     SpaceChanged {
@@ -70,11 +67,8 @@ pub enum Error {
         number: u64,
     },
     /// The study is being loaded from the database, which goes on even if the request is cancelled.
-    #[error("study {study:?} is being loaded; try again")]
-    Loading {
-        /// The study.
-        study: String,
-    },
+    #[error("study {0:?} is being loaded; try again")]
+    Loading(String),
     /// No best configuration is known yet.
     #[error("nothing has been measured {place} of study {study:?} yet; report a trial first")]
     NothingMeasured {
@@ -84,11 +78,8 @@ pub enum Error {
         place: &'static str,
     },
     /// The study could not be kept in memory long enough to answer.
-    #[error("study {study:?} is being reloaded; try again later")]
-    Reloading {
-        /// The study.
-        study: String,
-    },
+    #[error("study {0:?} is being reloaded; try again later")]
+    Reloading(String),
     /// Too many requests or streams at once.
     #[error("the daemon is working on {limit} {what}, which is its limit; try again later")]
     Busy {
@@ -120,11 +111,8 @@ pub enum Error {
     #[error("the token cannot be looked up: {0}")]
     Tokens(TokenError),
     /// The request took too long.
-    #[error("the request was not finished within {} s", limit.as_secs())]
-    Deadline {
-        /// The longest that a request may take.
-        limit: Duration,
-    },
+    #[error("the request was not finished within {} s", .0.as_secs())]
+    Deadline(Duration),
     /// A part of the daemon failed unexpectedly.
     #[error("the daemon has a defect: {0}")]
     Defect(&'static str),

@@ -196,7 +196,7 @@ impl MiddlewareState {
             Ok(Ok(response)) => corrected(response),
             Ok(Err(never)) => match never {},
             Err(_) => {
-                let error = Error::Deadline { limit: limits::REQUEST };
+                let error = Error::Deadline(limits::REQUEST);
                 self.refusals.note(&error);
                 Status::from(error).into_http()
             }

@@ -222,8 +222,8 @@ mod tests {
     fn what_passes_is_worth_another_try_after_a_while() {
         let wait = |error: &Error| retry_after(error).map(|wait| wait.as_millis());
         let study = || "hall".to_owned();
-        assert_eq!(wait(&Error::Loading { study: study() }), Some(LOADING_RETRY.as_millis()));
-        assert_eq!(wait(&Error::Reloading { study: study() }), Some(100));
+        assert_eq!(wait(&Error::Loading(study())), Some(LOADING_RETRY.as_millis()));
+        assert_eq!(wait(&Error::Reloading(study())), Some(100));
         assert_eq!(wait(&Error::Busy { what: "requests", limit: 1 }), Some(100));
         assert_eq!(wait(&Error::Store(StoreError::QueueFull { limit: 1 })), Some(100));
         assert_eq!(wait(&Error::Store(StoreError::Closed)), Some(1000));
@@ -242,8 +242,8 @@ mod tests {
         for passing in [
             Error::Busy { what: "requests", limit: 1 },
             Error::Draining,
-            Error::Loading { study: String::new() },
-            Error::Reloading { study: String::new() },
+            Error::Loading(String::new()),
+            Error::Reloading(String::new()),
             Error::Store(StoreError::QueueFull { limit: 1 }),
             Error::Store(StoreError::Unavailable { problem: String::new() }),
         ] {

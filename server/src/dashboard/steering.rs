@@ -362,8 +362,8 @@ mod tests {
     #[test]
     fn only_what_passes_by_itself_is_asked_again() {
         let study = || "hall".to_owned();
-        assert!(is_loading(&Error::Loading { study: study() }));
-        assert!(is_loading(&Error::Reloading { study: study() }));
+        assert!(is_loading(&Error::Loading(study())));
+        assert!(is_loading(&Error::Reloading(study())));
         assert!(is_loading(&Error::Store(StoreError::Fenced { study: study() })));
         for other in [
             Error::Store(StoreError::StudyNotFound { study: study() }),

@@ -57,7 +57,7 @@ impl TuneStream {
                     () = &mut draining => Err(Error::Draining.into()),
                     frame = timeout(limits::TUNE_IDLE, frames.message()) => match frame {
                         Ok(frame) => frame,
-                        Err(_) => Err(Error::Deadline { limit: limits::TUNE_IDLE }.into()),
+                        Err(_) => Err(Error::Deadline(limits::TUNE_IDLE).into()),
                     },
                 };
                 let answer = match frame {

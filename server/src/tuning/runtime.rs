@@ -171,7 +171,7 @@ impl Live {
     /// Checks that a request that gives an identity means this study.
     pub(super) fn is_meant(&self, study: &StudyName) -> Result<(), Error> {
         match study.uid {
-            Some(uid) if uid != self.identity.uid => Err(Error::Replaced { study: study.id.clone() }),
+            Some(uid) if uid != self.identity.uid => Err(Error::Replaced(study.id.clone())),
             _ => Ok(()),
         }
     }
@@ -201,10 +201,10 @@ impl Runtime {
             match timeout(LOADING_WAIT, self.load().wait()).await {
                 Ok(Some(ended)) => ended?,
                 Ok(None) => return Err(Error::Defect("loading a study panicked")),
-                Err(_) => return Err(Error::Loading { study: self.study.clone() }),
+                Err(_) => return Err(Error::Loading(self.study.clone())),
             }
         }
-        Err(Error::Reloading { study: self.study.clone() })
+        Err(Error::Reloading(self.study.clone()))
     }
 
     /// Begins to load the tuner where it is not current.

@@ -46,7 +46,7 @@ impl Tuning {
             None => {
                 // If no study has the id, that error is the answer.
                 let other = self.store().get_study(&name.id).await?;
-                Err(Error::Replaced { study: other.id })
+                Err(Error::Replaced(other.id))
             }
         }
     }
@@ -58,7 +58,7 @@ impl Tuning {
     pub async fn is_still(&self, study: &StudyName) -> Result<(), Error> {
         match self.find(study.clone()).await? {
             found if found == *study => Ok(()),
-            found => Err(Error::Reloading { study: found.id }),
+            found => Err(Error::Reloading(found.id)),
         }
     }
 
@@ -195,7 +195,7 @@ mod tests {
         let meant = StudyName { id: "hall".to_owned(), uid: Some(uid) };
         let update = StudyUpdate::read(v1::Study::default(), None).expect("valid");
         let refused = tuning.update_study(&meant, &update).await.expect_err("it is another's");
-        assert_eq!(refused, Error::Replaced { study: "hall".to_owned() });
+        assert_eq!(refused, Error::Replaced("hall".to_owned()));
         tuning.rename_study(&meant, "loft").await.expect_err("it is another's");
         tuning.delete_study(&meant).await.expect_err("it is another's");
         assert_eq!(tuning.get_study("hall").await.expect("there"), namesake);
@@ -227,8 +227,8 @@ mod tests {
         let study = || "hall".to_owned();
         let address = "http://10.0.0.7:50611".to_owned();
         for error in [
-            Error::Loading { study: study() },
-            Error::Reloading { study: study() },
+            Error::Loading(study()),
+            Error::Reloading(study()),
             StoreError::Elsewhere { study: study(), address }.into(),
             StoreError::Fenced { study: study() }.into(),
             StoreError::StudyNotFound { study: study() }.into(),

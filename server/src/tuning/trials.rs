@@ -103,7 +103,7 @@ impl Tuning {
                 Err(later) => mark = later,
             }
         }
-        Err(Error::Reloading { study: name.study.id.clone() })
+        Err(Error::Reloading(name.study.id.clone()))
     }
 
     /// Reads a trial that is not open, once all earlier writes are stored. The name may have gone to another

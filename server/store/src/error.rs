@@ -98,37 +98,20 @@ impl StoreError {
 #[derive(Debug, thiserror::Error)]
 pub enum OpenError {
     /// The path names a directory.
-    #[error("{} is a directory; name a database file", path.display())]
-    Directory {
-        /// The path.
-        path: PathBuf,
-    },
+    #[error("{} is a directory; name a database file", .0.display())]
+    Directory(PathBuf),
     /// The directory that should hold the file is missing.
-    #[error("the directory {} does not exist; create it or choose another path", path.display())]
-    NoDirectory {
-        /// The directory.
-        path: PathBuf,
-    },
+    #[error("the directory {} does not exist; create it or choose another path", .0.display())]
+    NoDirectory(PathBuf),
     /// The file or its directory may not be written.
-    #[error("{} cannot be written ({problem}); check the permissions of the file and its directory, or choose another path", path.display())]
-    NotWritable {
-        /// The path.
-        path: PathBuf,
-        /// The system's error.
-        problem: String,
-    },
+    #[error("{} cannot be written ({}); check the permissions of the file and its directory, or choose another path", .0.display(), .1)]
+    NotWritable(PathBuf, String),
     /// The name stands for no file.
-    #[error("{:?} is not the name of a file, and nothing would be kept; choose a file", path.display().to_string())]
-    NoName {
-        /// The path.
-        path: PathBuf,
-    },
+    #[error("{:?} is not the name of a file, and nothing would be kept; choose a file", .0.display().to_string())]
+    NoName(PathBuf),
     /// The name is a URL, which SQLite and other programs read in their own ways.
-    #[error("{} is a URL, and a database is named by its path: write tuning.db, or ./{} for a file that is called so", path.display(), path.display())]
-    Url {
-        /// The path that was given.
-        path: PathBuf,
-    },
+    #[error("{} is a URL, and a database is named by its path: write tuning.db, or ./{} for a file that is called so", .0.display(), .0.display())]
+    Url(PathBuf),
     /// The file is reached by several names.
     #[error("{} has {count} names (hard links), and what SQLite keeps beside the file lies beside one of them only; remove the others (`find -samefile`), or copy the file with no daemon running", path.display())]
     ManyNames {
@@ -138,11 +121,8 @@ pub enum OpenError {
         count: u64,
     },
     /// The file was mounted without its folder.
-    #[error("{} is mounted as a file of its own, so the log that SQLite keeps beside it would be left behind; mount the folder that it lies in", path.display())]
-    MountedAlone {
-        /// The path.
-        path: PathBuf,
-    },
+    #[error("{} is mounted as a file of its own, so the log that SQLite keeps beside it would be left behind; mount the folder that it lies in", .0.display())]
+    MountedAlone(PathBuf),
     /// A program that is no daemon holds the daemon's lock.
     #[error("{} cannot be taken: process {pid}, which is no treewrightd, holds a lock on {}; end that process (`ps {pid}` says what it is)", path.display(), lock.display())]
     Held {
@@ -162,33 +142,17 @@ pub enum OpenError {
         pid: Option<u32>,
     },
     /// Another program holds a lock.
-    #[error("{} is locked by another process; close the program that has it open and try again", path.display())]
-    Locked {
-        /// The path.
-        path: PathBuf,
-    },
+    #[error("{} is locked by another process; close the program that has it open and try again", .0.display())]
+    Locked(PathBuf),
     /// Not SQLite, or damaged.
-    #[error("{} is not a usable database ({problem}); choose another path or restore it from a backup", path.display())]
-    NotADatabase {
-        /// The path.
-        path: PathBuf,
-        /// SQLite's error.
-        problem: String,
-    },
+    #[error("{} is not a usable database ({}); choose another path or restore it from a backup", .0.display(), .1)]
+    NotADatabase(PathBuf, String),
     /// A database of ours that is damaged.
-    #[error("{} is damaged ({problems}); restore a backup with `treewrightd restore`, and keep the damaged file: `treewrightd check` says more", path.display())]
-    Damaged {
-        /// The path.
-        path: PathBuf,
-        /// The problems.
-        problems: String,
-    },
+    #[error("{} is damaged ({}); restore a backup with `treewrightd restore`, and keep the damaged file: `treewrightd check` says more", .0.display(), .1)]
+    Damaged(PathBuf, String),
     /// An SQLite database that something else made.
-    #[error("{} is a database of another program; choose another path", path.display())]
-    Foreign {
-        /// The path.
-        path: PathBuf,
-    },
+    #[error("{} is a database of another program; choose another path", .0.display())]
+    Foreign(PathBuf),
     /// The tables are newer than this program.
     #[error("{} was written by a newer treewrightd (schema version {version}, this one knows {known}); upgrade this program", path.display())]
     Newer {
@@ -200,53 +164,25 @@ pub enum OpenError {
         known: i64,
     },
     /// No PostgreSQL answers.
-    #[error("no PostgreSQL answers at {server} ({problem}); start it, or check host, port and network")]
-    Unreachable {
-        /// Host, port and database, without any secret.
-        server: String,
-        /// Its error.
-        problem: String,
-    },
+    #[error("no PostgreSQL answers at {0} ({1}); start it, or check host, port and network")]
+    Unreachable(String, String),
     /// PostgreSQL is starting or recovering, and not ready yet.
-    #[error("PostgreSQL at {server} is not ready yet ({problem})")]
-    Starting {
-        /// Host, port and database, without any secret.
-        server: String,
-        /// Its error.
-        problem: String,
-    },
+    #[error("PostgreSQL at {0} is not ready yet ({1})")]
+    Starting(String, String),
     /// PostgreSQL refuses to let us in.
     #[error(
-        "PostgreSQL at {server} refuses ({problem}); check user, password and database, and that the user may create tables there"
+        "PostgreSQL at {0} refuses ({1}); check user, password and database, and that the user may create tables there"
     )]
-    Refused {
-        /// Host, port and database, without any secret.
-        server: String,
-        /// Its error.
-        problem: String,
-    },
+    Refused(String, String),
     /// The database at the server cannot be ours.
-    #[error("the database at {server} cannot be used: {problem}")]
-    Unfit {
-        /// Host, port and database, without any secret.
-        server: String,
-        /// Cause and remedy.
-        problem: String,
-    },
+    #[error("the database at {0} cannot be used: {1}")]
+    Unfit(String, String),
     /// The address of the database makes no sense.
-    #[error("the database's address cannot be used: {problem}; write postgres://USER@HOST:PORT/DATABASE")]
-    BadAddress {
-        /// The mistake, without repeating the address.
-        problem: String,
-    },
+    #[error("the database's address cannot be used: {0}; write postgres://USER@HOST:PORT/DATABASE")]
+    BadAddress(String),
     /// Anything else.
-    #[error("{} cannot be opened: {problem}", path.display())]
-    Other {
-        /// The path.
-        path: PathBuf,
-        /// Its error.
-        problem: String,
-    },
+    #[error("{} cannot be opened: {}", .0.display(), .1)]
+    Other(PathBuf, String),
 }
 
 #[cfg(test)]

@@ -328,7 +328,7 @@ async fn altered_tables_and_scratched_pages_are_refused_at_the_start() {
         alter(&altered, sql).await;
         let error = refusal(&altered).await;
         assert!(
-            matches!(&error, OpenError::Damaged { problems, .. } if problems.starts_with(problem)),
+            matches!(&error, OpenError::Damaged(_, problems) if problems.starts_with(problem)),
             "{error}"
         );
     }

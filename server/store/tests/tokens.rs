@@ -55,7 +55,7 @@ async fn tokens_come_back_as_they_were_stored(tokens: &dyn TokenStore) {
     tokens.create(&token("a", 6)).await.unwrap();
     assert_eq!(tokens.list().await.unwrap(), [second, token("a", 6)]);
     let again = tokens.create(&token("a", 7)).await;
-    assert_eq!(again, Err(TokenError::Exists { id: "a".to_owned() }));
+    assert_eq!(again, Err(TokenError::Exists("a".to_owned())));
 }
 
 async fn revoking_keeps_the_first_time(tokens: &dyn TokenStore) {
@@ -65,7 +65,7 @@ async fn revoking_keeps_the_first_time(tokens: &dyn TokenStore) {
     let stored = &tokens.list().await.unwrap()[0];
     assert_eq!(stored.revoke_ms, Some(100));
     assert!(!stored.is_live(50) && token("a", 1).is_live(8_999) && !token("a", 1).is_live(9_000));
-    assert_eq!(tokens.revoke("b", 1).await, Err(TokenError::NotFound { id: "b".to_owned() }));
+    assert_eq!(tokens.revoke("b", 1).await, Err(TokenError::NotFound("b".to_owned())));
 }
 
 async fn forgetting_takes_the_use_along(tokens: &dyn TokenStore) {
@@ -73,7 +73,7 @@ async fn forgetting_takes_the_use_along(tokens: &dyn TokenStore) {
     let used = Usage { studies: 1, trials: 2, bytes: 3 };
     tokens.add_usage(4, &[("a".to_owned(), used), ("gone".to_owned(), used)]).await.unwrap();
     tokens.forget("a").await.unwrap();
-    assert_eq!(tokens.forget("a").await, Err(TokenError::NotFound { id: "a".to_owned() }));
+    assert_eq!(tokens.forget("a").await, Err(TokenError::NotFound("a".to_owned())));
     assert_eq!(tokens.list().await.unwrap(), []);
     tokens.create(&token("a", 1)).await.unwrap();
     assert_eq!(tokens.usage("a", 4).await.unwrap(), (Usage::default(), Usage::default()));
@@ -151,7 +151,7 @@ async fn replicas_see_each_other_s_tokens_and_add_up_their_use() {
     one.create(&token("b", 2)).await.unwrap();
     assert!(two.revision().await.unwrap() > before);
     assert_eq!(two.list().await.unwrap(), [token("a", 1), token("b", 2)]);
-    assert_eq!(two.create(&token("a", 1)).await, Err(TokenError::Exists { id: "a".to_owned() }));
+    assert_eq!(two.create(&token("a", 1)).await, Err(TokenError::Exists("a".to_owned())));
 
     // Both count these tokens at the same time, in opposite orders.
     let used =

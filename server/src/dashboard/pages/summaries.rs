@@ -183,7 +183,7 @@ impl Summaries {
 async fn summarise(tuning: &Tuning, id: &str, uid: &str) -> Result<StudySummary, Error> {
     let record = tuning.get_study(id).await?;
     if record.uid.to_string() != uid {
-        return Err(Error::Replaced { study: id.to_owned() });
+        return Err(Error::Replaced(id.to_owned()));
     }
     let (caller, view) = (Caller::Anyone, record.spec.objective.view());
     let visitor = Visitor { tuning, caller: &caller, frame: PageFrame { has_token: false } };

@@ -27,10 +27,10 @@ pub async fn back_up(database: &Path, to: &Path, replace: bool) -> Result<Invent
         files::need(to)?;
     }
     if files::are_same(database, to) {
-        return Err(MaintenanceError::Same { path: to.to_owned() });
+        return Err(MaintenanceError::Same(to.to_owned()));
     }
     if to.exists() && !replace {
-        return Err(MaintenanceError::Exists { path: to.to_owned() });
+        return Err(MaintenanceError::Exists(to.to_owned()));
     }
     if files::has_log(to) {
         return Err(MaintenanceError::Log { path: to.to_owned(), log: files::beside(to, "-wal") });

@@ -18,9 +18,9 @@ pub(super) fn has_log(path: &Path) -> bool {
 /// Refuses a path that is not a file.
 pub(super) fn need(path: &Path) -> Result<(), MaintenanceError> {
     if path.is_dir() {
-        return Err(OpenError::Directory { path: path.to_owned() }.into());
+        return Err(OpenError::Directory(path.to_owned()).into());
     }
-    if path.exists() { Ok(()) } else { Err(MaintenanceError::Missing { path: path.to_owned() }) }
+    if path.exists() { Ok(()) } else { Err(MaintenanceError::Missing(path.to_owned())) }
 }
 
 /// Whether both names are of one file.
@@ -55,7 +55,7 @@ impl PartialFile {
         match made {
             Ok(_) => Ok(Self { path: draft, is_kept: false }),
             Err(error) if error.kind() == io::ErrorKind::NotFound => {
-                Err(OpenError::NoDirectory { path: folder(path).to_owned() }.into())
+                Err(OpenError::NoDirectory(folder(path).to_owned()).into())
             }
             Err(error) => Err(MaintenanceError::system(&draft, "written")(error)),
         }
@@ -91,10 +91,10 @@ impl PartialFile {
             // The other name goes when this is dropped.
             Ok(()) => sync_folder(path),
             Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {
-                Err(MaintenanceError::Exists { path: path.to_owned() })
+                Err(MaintenanceError::Exists(path.to_owned()))
             }
             // Some file systems know no second names.
-            Err(_) if path.exists() => Err(MaintenanceError::Exists { path: path.to_owned() }),
+            Err(_) if path.exists() => Err(MaintenanceError::Exists(path.to_owned())),
             Err(_) => self.keep_as(path),
         }
     }

@@ -25,17 +25,11 @@ pub enum MaintenanceError {
     #[error(transparent)]
     Open(#[from] OpenError),
     /// There is no such file.
-    #[error("{} does not exist; check the path", path.display())]
-    Missing {
-        /// The path.
-        path: PathBuf,
-    },
+    #[error("{} does not exist; check the path", .0.display())]
+    Missing(PathBuf),
     /// The copy's name is taken.
-    #[error("{} exists already; choose another name or pass --replace", path.display())]
-    Exists {
-        /// The path.
-        path: PathBuf,
-    },
+    #[error("{} exists already; choose another name or pass --replace", .0.display())]
+    Exists(PathBuf),
     /// A log lies where that of the copy would.
     #[error(
         "a write-ahead log lies at {}, which SQLite would take for the copy's own: some program has {} open, or \
@@ -50,27 +44,14 @@ pub enum MaintenanceError {
         log: PathBuf,
     },
     /// Source and destination are one file.
-    #[error("{} is the database itself; choose another file", path.display())]
-    Same {
-        /// The path.
-        path: PathBuf,
-    },
+    #[error("{} is the database itself; choose another file", .0.display())]
+    Same(PathBuf),
     /// A file is not fit to be restored.
-    #[error("{} cannot be restored: {problem}", path.display())]
-    Unfit {
-        /// The path.
-        path: PathBuf,
-        /// Cause and remedy.
-        problem: String,
-    },
+    #[error("{} cannot be restored: {}", .0.display(), .1)]
+    Unfit(PathBuf, String),
     /// The file is damaged.
-    #[error("{} is damaged:{}", path.display(), problems.iter().map(|line| format!("\n  {}", line.trim())).collect::<String>())]
-    Damaged {
-        /// The path.
-        path: PathBuf,
-        /// The first twenty problems.
-        problems: Vec<String>,
-    },
+    #[error("{} is damaged:{}", .0.display(), .1.iter().map(|line| format!("\n  {}", line.trim())).collect::<String>())]
+    Damaged(PathBuf, Vec<String>),
     /// The system refuses.
     #[error("{} cannot be {doing} ({problem}); check space and permissions there", path.display())]
     System {
@@ -97,7 +78,7 @@ impl MaintenanceError {
         match unsound {
             Unsound::Problems(problems) => {
                 assert!(!problems.is_empty(), "a file is damaged for no reason");
-                Self::Damaged { path: path.to_owned(), problems }
+                Self::Damaged(path.to_owned(), problems)
             }
             Unsound::Unreadable(error) => Self::sqlite(path, &error),
         }
@@ -131,7 +112,7 @@ pub async fn check(database: &Path) -> Result<Inventory, MaintenanceError> {
             "its schema is of version {version} and this program's of {known}; start the daemon on it once, or use \
              the treewrightd that it belongs to"
         );
-        return Err(OpenError::Other { path: database.to_owned(), problem }.into());
+        return Err(OpenError::Other(database.to_owned(), problem).into());
     }
     assert_eq!(version, known, "the schema of a newer program was not refused");
     let looked = file::check(&mut connection).await;
@@ -159,7 +140,7 @@ async fn connect_closed(path: &Path) -> Result<SqliteConnection, MaintenanceErro
 async fn schema_version(connection: &mut SqliteConnection, path: &Path) -> Result<i64, MaintenanceError> {
     let failed = |error: sqlx::Error| MaintenanceError::sqlite(path, &error);
     if file::owner(connection).await.map_err(failed)? != FileOwner::Ours {
-        return Err(OpenError::Foreign { path: path.to_owned() }.into());
+        return Err(OpenError::Foreign(path.to_owned()).into());
     }
     let version: Option<i64> = sqlx::query_scalar("SELECT max(version) FROM _sqlx_migrations")
         .fetch_one(connection)

@@ -31,7 +31,7 @@ pub struct Restored {
 pub async fn restore(from: &Path, database: &Path) -> Result<Restored, MaintenanceError> {
     files::need(from)?;
     if files::are_same(from, database) {
-        return Err(MaintenanceError::Same { path: from.to_owned() });
+        return Err(MaintenanceError::Same(from.to_owned()));
     }
     // A link to a database stands for the file that it names.
     let database = &database.canonicalize().unwrap_or_else(|_| database.to_owned());
@@ -40,13 +40,12 @@ pub async fn restore(from: &Path, database: &Path) -> Result<Restored, Maintenan
     // The log of a link lies beside the file that it names.
     let original = from.canonicalize().unwrap_or_else(|_| from.to_owned());
     if files::has_log(&original) {
-        return Err(MaintenanceError::Unfit {
-            path: from.to_owned(),
-            problem:
-                "a write-ahead log lies beside it, so it is a database in use and no backup; make one with \
+        return Err(MaintenanceError::Unfit(
+            from.to_owned(),
+            "a write-ahead log lies beside it, so it is a database in use and no backup; make one with \
                       `treewrightd backup`"
-                    .to_owned(),
-        });
+                .to_owned(),
+        ));
     }
     let like = if database.exists() { database } else { from };
     let draft = PartialFile::beside(database, like)?;
@@ -119,11 +118,9 @@ fn take_away(database: &Path, aside: &Path, made: &mut Vec<PathBuf>) -> Result<(
 
 /// An error about the copy is one about the backup.
 fn about(from: &Path, draft: &Path, error: MaintenanceError) -> MaintenanceError {
-    let problem = |text: String| MaintenanceError::Unfit { path: from.to_owned(), problem: text };
+    let problem = |text: String| MaintenanceError::Unfit(from.to_owned(), text);
     match error {
-        MaintenanceError::Damaged { problems, .. } => {
-            MaintenanceError::Damaged { path: from.to_owned(), problems }
-        }
+        MaintenanceError::Damaged(_, problems) => MaintenanceError::Damaged(from.to_owned(), problems),
         other => {
             let text = other.to_string();
             problem(text.replace(&draft.display().to_string(), &from.display().to_string()))

@@ -91,10 +91,7 @@ impl PostgresStore {
         patience: Duration,
     ) -> Result<Self, OpenError> {
         let mut connection = open::open(&database, patience).await?;
-        let unreachable = |error: sqlx::Error| OpenError::Unreachable {
-            server: database.shown(),
-            problem: error.to_string(),
-        };
+        let unreachable = |error: sqlx::Error| OpenError::Unreachable(database.shown(), error.to_string());
         let replica_key = open::replica_key(&mut connection, &database.shown()).await?;
         let me = replica::register(&mut connection, advertised).await.map_err(unreachable)?;
         let shared = Arc::new(SharedState::new(database.clone(), advertised.to_owned(), me));

@@ -35,7 +35,7 @@ impl PostgresAddress {
     /// # Errors
     /// [`OpenError::BadAddress`], which does not repeat the address: it may hold a password.
     pub fn parse(url: &str) -> Result<Self, OpenError> {
-        let bad = |problem: &str| OpenError::BadAddress { problem: problem.to_owned() };
+        let bad = |problem: &str| OpenError::BadAddress(problem.to_owned());
         if !crate::is_postgres_address(url) {
             return Err(bad("it does not begin with postgres://"));
         }
@@ -134,7 +134,7 @@ pub(super) async fn open(address: &PostgresAddress, patience: Duration) -> Resul
 async fn prepare(address: &PostgresAddress) -> Result<PgConnection, OpenError> {
     let server = address.shown();
     let explained = |error: sqlx::Error| explain(&server, &error);
-    let unfit = |problem: String| OpenError::Unfit { server: server.clone(), problem };
+    let unfit = |problem: String| OpenError::Unfit(server.clone(), problem);
     let mut connection = address.connect().await.map_err(explained)?;
     let (version, fsync): (i32, String) =
         sqlx::query_as(sql::SERVER).fetch_one(&mut connection).await.map_err(explained)?;
@@ -165,9 +165,8 @@ async fn prepare(address: &PostgresAddress) -> Result<PgConnection, OpenError> {
 pub(super) async fn replica_key(connection: &mut PgConnection, server: &str) -> Result<[u8; 32], OpenError> {
     let found: Result<Vec<u8>, _> = sqlx::query_scalar(sql::REPLICA_KEY).fetch_one(connection).await;
     let key = found.map_err(|error| explain(server, &error))?;
-    key.try_into().map_err(|_| OpenError::Unfit {
-        server: server.to_owned(),
-        problem: "the replicas' key has not 32 bytes; restore a backup".to_owned(),
+    key.try_into().map_err(|_| {
+        OpenError::Unfit(server.to_owned(), "the replicas' key has not 32 bytes; restore a backup".to_owned())
     })
 }
 
@@ -175,15 +174,15 @@ pub(super) async fn replica_key(connection: &mut PgConnection, server: &str) -> 
 fn explain(server: &str, error: &sqlx::Error) -> OpenError {
     let server = server.to_owned();
     let Some(database) = error.as_database_error() else {
-        return OpenError::Unreachable { server, problem: error.to_string() };
+        return OpenError::Unreachable(server, error.to_string());
     };
     let problem = database.message().to_owned();
     match database.code().as_deref() {
         // "cannot connect now": it starts, recovers or shuts down.
-        Some("57P03") => OpenError::Starting { server, problem },
+        Some("57P03") => OpenError::Starting(server, problem),
         // Shutting down; too many connections.
-        Some("57P01" | "57P02" | "53300") => OpenError::Unreachable { server, problem },
-        _ => OpenError::Refused { server, problem },
+        Some("57P01" | "57P02" | "53300") => OpenError::Unreachable(server, problem),
+        _ => OpenError::Refused(server, problem),
     }
 }
 

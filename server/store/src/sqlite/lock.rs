@@ -85,5 +85,5 @@ fn is_daemon(pid: u32) -> bool {
 }
 
 fn not_writable(path: &Path, error: &std::io::Error) -> OpenError {
-    OpenError::NotWritable { path: path.to_owned(), problem: error.to_string() }
+    OpenError::NotWritable(path.to_owned(), error.to_string())
 }

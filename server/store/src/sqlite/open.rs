@@ -75,9 +75,7 @@ async fn look_at(path: &Path, writer: &mut SqliteConnection) -> Result<(), OpenE
             );
             Ok(())
         }
-        Err(Unsound::Problems(problems)) => {
-            Err(OpenError::Damaged { path: path.to_owned(), problems: in_words(&problems) })
-        }
+        Err(Unsound::Problems(problems)) => Err(OpenError::Damaged(path.to_owned(), in_words(&problems))),
         Err(Unsound::Unreadable(error)) => Err(explain(path, &error)),
     }
 }
@@ -130,7 +128,7 @@ async fn inspect(path: &Path, options: &SqliteConnectOptions) -> Result<(), Open
         sqlx::query(statement).execute(&mut connection).await.map_err(explained)?;
     }
     if owner(&mut connection).await.map_err(explained)? == FileOwner::Foreign {
-        return Err(OpenError::Foreign { path: path.to_owned() });
+        return Err(OpenError::Foreign(path.to_owned()));
     }
     connection.close().await.map_err(explained)
 }
@@ -167,11 +165,11 @@ async fn migrate(path: &Path, writer: &mut SqliteConnection) -> Result<(), OpenE
             OpenError::Newer { path: path.to_owned(), version, known: known_version() }
         }
         MigrateError::Execute(error) | MigrateError::ExecuteMigration(error, _) => explain(path, &error),
-        MigrateError::VersionMismatch(version) => OpenError::Damaged {
-            path: path.to_owned(),
-            problems: format!("schema version {version} was made by another migration"),
-        },
-        other => OpenError::Other { path: path.to_owned(), problem: other.to_string() },
+        MigrateError::VersionMismatch(version) => OpenError::Damaged(
+            path.to_owned(),
+            format!("schema version {version} was made by another migration"),
+        ),
+        other => OpenError::Other(path.to_owned(), other.to_string()),
     })
 }
 
@@ -180,9 +178,9 @@ pub(crate) fn explain(path: &Path, error: &sqlx::Error) -> OpenError {
     let path = path.to_owned();
     let problem = message(error);
     match primary_code(error) {
-        Some(5 | 6) => OpenError::Locked { path },
-        Some(3 | 8 | 14) => OpenError::NotWritable { path, problem },
-        Some(11 | 26) => OpenError::NotADatabase { path, problem },
-        _ => OpenError::Other { path, problem },
+        Some(5 | 6) => OpenError::Locked(path),
+        Some(3 | 8 | 14) => OpenError::NotWritable(path, problem),
+        Some(11 | 26) => OpenError::NotADatabase(path, problem),
+        _ => OpenError::Other(path, problem),
     }
 }

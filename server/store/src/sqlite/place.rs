@@ -23,18 +23,18 @@ pub(super) const PRIVATE: u32 = 0o600;
 pub(crate) fn check(path: &Path) -> Result<(), OpenError> {
     check_name(path)?;
     if path.is_dir() {
-        return Err(OpenError::Directory { path: path.to_owned() });
+        return Err(OpenError::Directory(path.to_owned()));
     }
     let directory = folder(path);
     if !directory.is_dir() {
-        return Err(OpenError::NoDirectory { path: directory.to_owned() });
+        return Err(OpenError::NoDirectory(directory.to_owned()));
     }
     match rustix::fs::accessat(CWD, path, Access::READ_OK | Access::WRITE_OK, AtFlags::EACCESS) {
         Ok(()) => Ok(()),
         Err(error) if error.kind() == ErrorKind::NotFound => Ok(()),
         Err(error) => {
             let problem = std::io::Error::from(error).to_string();
-            Err(OpenError::NotWritable { path: path.to_owned(), problem })
+            Err(OpenError::NotWritable(path.to_owned(), problem))
         }
     }
 }
@@ -43,7 +43,7 @@ pub(crate) fn check(path: &Path) -> Result<(), OpenError> {
 pub(crate) fn check_name(path: &Path) -> Result<(), OpenError> {
     // In SQLite these names stand for databases that vanish when they are closed.
     if path.as_os_str().is_empty() || path.as_os_str() == ":memory:" {
-        return Err(OpenError::NoName { path: path.to_owned() });
+        return Err(OpenError::NoName(path.to_owned()));
     }
     let text = path.to_string_lossy();
     let scheme = text.split_once(':').map(|(scheme, _)| scheme).filter(|scheme| {
@@ -53,7 +53,7 @@ pub(crate) fn check_name(path: &Path) -> Result<(), OpenError> {
                 || ["file", "sqlite"].contains(&&*scheme.to_lowercase()))
     });
     match scheme {
-        Some(_) => Err(OpenError::Url { path: path.to_owned() }),
+        Some(_) => Err(OpenError::Url(path.to_owned())),
         None => Ok(()),
     }
 }
@@ -65,7 +65,7 @@ pub(crate) fn check_names(path: &Path) -> Result<(), OpenError> {
     let Ok(file) = fs::metadata(path) else { return Ok(()) };
     let path = path.to_owned();
     match file.nlink() {
-        _ if is_mounted_alone(&path) => Err(OpenError::MountedAlone { path }),
+        _ if is_mounted_alone(&path) => Err(OpenError::MountedAlone(path)),
         count @ 2.. => Err(OpenError::ManyNames { path, count }),
         _ => Ok(()),
     }
@@ -96,7 +96,7 @@ pub(super) fn make_private(path: &Path) -> Result<(), OpenError> {
         // Also for a link whose target is missing: SQLite follows it.
         Err(error) if error.kind() == ErrorKind::AlreadyExists => {}
         Err(error) => {
-            return Err(OpenError::NotWritable { path: path.to_owned(), problem: error.to_string() });
+            return Err(OpenError::NotWritable(path.to_owned(), error.to_string()));
         }
     }
     let path = path.canonicalize().unwrap_or_else(|_| path.to_owned());

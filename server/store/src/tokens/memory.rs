@@ -42,10 +42,10 @@ impl TokenStore for MemoryTokens {
     async fn create(&self, token: &TokenRecord) -> Result<(), TokenError> {
         let mut inner = self.lock()?;
         if inner.tokens.iter().any(|known| known.id == token.id) {
-            return Err(TokenError::Exists { id: token.id.clone() });
+            return Err(TokenError::Exists(token.id.clone()));
         }
         if inner.tokens.len() >= limits::TOKENS as usize {
-            return Err(TokenError::TooMany { limit: limits::TOKENS });
+            return Err(TokenError::TooMany(limits::TOKENS));
         }
         inner.tokens.push(token.clone());
         inner.tokens.sort_by(|a, b| (a.create_ms, &a.id).cmp(&(b.create_ms, &b.id)));
@@ -63,7 +63,7 @@ impl TokenStore for MemoryTokens {
     async fn revoke(&self, id: &str, now_ms: i64) -> Result<(), TokenError> {
         let mut inner = self.lock()?;
         let token = inner.tokens.iter_mut().find(|token| token.id == id);
-        let token = token.ok_or_else(|| TokenError::NotFound { id: id.to_owned() })?;
+        let token = token.ok_or_else(|| TokenError::NotFound(id.to_owned()))?;
         token.revoke_ms.get_or_insert(now_ms);
         inner.revision += 1;
         Ok(())
@@ -74,7 +74,7 @@ impl TokenStore for MemoryTokens {
         let before = inner.tokens.len();
         inner.tokens.retain(|token| token.id != id);
         if inner.tokens.len() == before {
-            return Err(TokenError::NotFound { id: id.to_owned() });
+            return Err(TokenError::NotFound(id.to_owned()));
         }
         assert_eq!(before - inner.tokens.len(), 1, "two tokens had the id {id:?}");
         inner.used.retain(|(token, _), _| token != id);

@@ -119,23 +119,14 @@ pub fn day(now_ms: i64) -> i64 {
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum TokenError {
     /// No token has this id.
-    #[error("there is no token {id:?}; `treewrightd token list` shows those there are")]
-    NotFound {
-        /// The requested id.
-        id: String,
-    },
+    #[error("there is no token {0:?}; `treewrightd token list` shows those there are")]
+    NotFound(String),
     /// The id is taken.
-    #[error("there is a token {id:?} already; try again")]
-    Exists {
-        /// The id.
-        id: String,
-    },
+    #[error("there is a token {0:?} already; try again")]
+    Exists(String),
     /// The database is full of tokens.
-    #[error("the database holds {limit} tokens, which is its limit; remove revoked ones")]
-    TooMany {
-        /// The limit.
-        limit: u32,
-    },
+    #[error("the database holds {0} tokens, which is its limit; remove revoked ones")]
+    TooMany(u32),
     /// The database fails.
     #[error(transparent)]
     Store(#[from] StoreError),

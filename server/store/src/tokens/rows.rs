@@ -74,7 +74,7 @@ pub(crate) fn signed(count: u64) -> i64 {
 /// The one row that must have changed.
 pub(crate) fn changed(id: &str, rows: u64) -> Result<(), TokenError> {
     assert!(rows <= 1, "{rows} tokens have the id {id:?}");
-    if rows == 0 { Err(TokenError::NotFound { id: id.to_owned() }) } else { Ok(()) }
+    if rows == 0 { Err(TokenError::NotFound(id.to_owned())) } else { Ok(()) }
 }
 
 impl Word for Scope {
@@ -115,7 +115,7 @@ macro_rules! token_store {
             let counting = sqlx::query_scalar("SELECT count(*) FROM tokens").fetch_one(&mut *connection);
             let count: i64 = counting.await.map_err(failed)?;
             if count >= i64::from(limits::TOKENS) {
-                return Err(TokenError::TooMany { limit: limits::TOKENS });
+                return Err(TokenError::TooMany(limits::TOKENS));
             }
             let (studies, quota) = texts(&token.studies, &token.quota)?;
             let inserted = sqlx::query(INSERT)
@@ -133,7 +133,7 @@ macro_rules! token_store {
             match inserted {
                 Ok(_) => Ok(()),
                 Err(error) if error.as_database_error().is_some_and(|error| error.is_unique_violation()) => {
-                    Err(TokenError::Exists { id: token.id.clone() })
+                    Err(TokenError::Exists(token.id.clone()))
                 }
                 Err(error) => Err(failed(error)),
             }
