@@ -38,7 +38,7 @@ impl Redirect {
             Error::Store(StoreError::Elsewhere { study, address }) => {
                 Some(Self::ToReplica { study: study.clone(), address: address.clone() })
             }
-            Error::Store(StoreError::Fenced { study }) | Error::Reloading(study) => {
+            Error::Store(StoreError::Fenced(study)) | Error::Reloading(study) => {
                 Some(Self::Retry { study: study.clone() })
             }
             _ => None,

@@ -188,12 +188,12 @@ mod tests {
     fn what_clients_bring_about_is_no_failure_of_the_database() {
         let study = "hall".to_owned();
         let kinds = [
-            (StoreError::StudyNotFound { study: study.clone() }, "not_found"),
+            (StoreError::StudyNotFound(study.clone()), "not_found"),
             (StoreError::TrialNotFound { study: study.clone(), number: 1 }, "not_found"),
             (StoreError::StudyExists { study: study.clone(), difference: String::new() }, "exists"),
-            (StoreError::TooManyStudies { limit: 1 }, "quota"),
-            (StoreError::QueueFull { limit: 1 }, "busy"),
-            (StoreError::Unavailable { problem: String::new() }, "store"),
+            (StoreError::TooManyStudies(1), "quota"),
+            (StoreError::QueueFull(1), "busy"),
+            (StoreError::Unavailable(String::new()), "store"),
             (StoreError::Closed, "store"),
         ];
         for (error, expected) in kinds {
@@ -225,10 +225,10 @@ mod tests {
         assert_eq!(wait(&Error::Loading(study())), Some(LOADING_RETRY.as_millis()));
         assert_eq!(wait(&Error::Reloading(study())), Some(100));
         assert_eq!(wait(&Error::Busy { what: "requests", limit: 1 }), Some(100));
-        assert_eq!(wait(&Error::Store(StoreError::QueueFull { limit: 1 })), Some(100));
+        assert_eq!(wait(&Error::Store(StoreError::QueueFull(1))), Some(100));
         assert_eq!(wait(&Error::Store(StoreError::Closed)), Some(1000));
         assert_eq!(wait(&Error::Quota { what: "studies", limit: 1, retry: None }), None);
-        assert_eq!(wait(&Error::Store(StoreError::StudyNotFound { study: study() })), None);
+        assert_eq!(wait(&Error::Store(StoreError::StudyNotFound(study()))), None);
     }
 
     #[test]
@@ -244,12 +244,12 @@ mod tests {
             Error::Draining,
             Error::Loading(String::new()),
             Error::Reloading(String::new()),
-            Error::Store(StoreError::QueueFull { limit: 1 }),
-            Error::Store(StoreError::Unavailable { problem: String::new() }),
+            Error::Store(StoreError::QueueFull(1)),
+            Error::Store(StoreError::Unavailable(String::new())),
         ] {
             assert!(Status::from(passing).get_details_retry_info().is_some());
         }
-        let status = Status::from(Error::Store(StoreError::TooManyStudies { limit: 1 }));
+        let status = Status::from(Error::Store(StoreError::TooManyStudies(1)));
         assert_eq!(status.code(), Code::ResourceExhausted);
         assert!(status.get_details_retry_info().is_none());
     }

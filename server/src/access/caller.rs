@@ -329,6 +329,6 @@ impl LastRead {
             return Ok(());
         }
         let problem = format!("the tokens could not be read for {} s", age.as_secs());
-        Err(Error::Tokens(TokenError::Store(StoreError::Unavailable { problem })))
+        Err(Error::Tokens(TokenError::Store(StoreError::Unavailable(problem))))
     }
 }

@@ -273,7 +273,7 @@ fn note<T>(trouble: &Mutex<Trouble>, result: Result<T, TokenError>, problem: &'s
 async fn in_time<T>(asked: impl Future<Output = Result<T, TokenError>>) -> Result<T, TokenError> {
     timeout(limits::TOKENS_WAIT, asked).await.unwrap_or_else(|_| {
         let problem = format!("it did not answer within {} s", limits::TOKENS_WAIT.as_secs());
-        Err(TokenError::Store(StoreError::Unavailable { problem }))
+        Err(TokenError::Store(StoreError::Unavailable(problem)))
     })
 }
 

@@ -364,9 +364,9 @@ mod tests {
         let study = || "hall".to_owned();
         assert!(is_loading(&Error::Loading(study())));
         assert!(is_loading(&Error::Reloading(study())));
-        assert!(is_loading(&Error::Store(StoreError::Fenced { study: study() })));
+        assert!(is_loading(&Error::Store(StoreError::Fenced(study()))));
         for other in [
-            Error::Store(StoreError::StudyNotFound { study: study() }),
+            Error::Store(StoreError::StudyNotFound(study())),
             Error::Store(StoreError::Elsewhere { study: study(), address: study() }),
             Error::Store(StoreError::Closed),
             Error::Draining,

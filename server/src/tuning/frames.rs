@@ -279,7 +279,7 @@ impl Live {
         if trial.state == TrialState::Open || trial.number > self.tuner.statistics().trials {
             self.fence().break_up();
             let study = self.fence().study().to_owned();
-            return Err(treewright_store::StoreError::Fenced { study }.into());
+            return Err(treewright_store::StoreError::Fenced(study).into());
         }
         let number = trial.number;
         let adopted = trial.adopt(&self.earlier, &self.tuner.spec().space);

@@ -230,13 +230,13 @@ mod tests {
             Error::Loading(study()),
             Error::Reloading(study()),
             StoreError::Elsewhere { study: study(), address }.into(),
-            StoreError::Fenced { study: study() }.into(),
-            StoreError::StudyNotFound { study: study() }.into(),
+            StoreError::Fenced(study()).into(),
+            StoreError::StudyNotFound(study()).into(),
         ] {
             assert!(passes(&error), "{error}");
         }
         for error in [
-            StoreError::Unavailable { problem: String::new() }.into(),
+            StoreError::Unavailable(String::new()).into(),
             StoreError::Inconsistent { study: None, problem: String::new() }.into(),
             StoreError::Closed.into(),
             Error::Defect("loading a study panicked"),

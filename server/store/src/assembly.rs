@@ -67,7 +67,7 @@ impl StudyRow {
 }
 
 pub(crate) fn study_not_found(study: &str) -> StoreError {
-    StoreError::StudyNotFound { study: study.to_owned() }
+    StoreError::StudyNotFound(study.to_owned())
 }
 
 /// Whether the numbers rise, from above `after`.

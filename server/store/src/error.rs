@@ -6,11 +6,8 @@ use std::path::PathBuf;
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum StoreError {
     /// No study has this id.
-    #[error("study {study:?} does not exist")]
-    StudyNotFound {
-        /// The requested id.
-        study: String,
-    },
+    #[error("study {0:?} does not exist")]
+    StudyNotFound(String),
     /// The id is taken by another specification.
     #[error(
         "study {study:?} exists with a different specification: {difference} (stored against given); choose another id, repeat the stored specification, or change the study's space if that is all that differs"
@@ -22,17 +19,11 @@ pub enum StoreError {
         difference: String,
     },
     /// Another study has the new id.
-    #[error("study {study:?} exists already; choose another id, or delete or rename that study")]
-    NameTaken {
-        /// The id.
-        study: String,
-    },
+    #[error("study {0:?} exists already; choose another id, or delete or rename that study")]
+    NameTaken(String),
     /// The database is full of studies.
-    #[error("the database holds {limit} studies, which is its limit; delete some")]
-    TooManyStudies {
-        /// The limit.
-        limit: u32,
-    },
+    #[error("the database holds {0} studies, which is its limit; delete some")]
+    TooManyStudies(u32),
     /// The study has no such trial.
     #[error("trial {number} of study {study:?} does not exist")]
     TrialNotFound {
@@ -42,11 +33,8 @@ pub enum StoreError {
         number: u64,
     },
     /// The change was computed on a copy of the study that is no longer current.
-    #[error("study {study:?} was reloaded meanwhile; try again")]
-    Fenced {
-        /// The study.
-        study: String,
-    },
+    #[error("study {0:?} was reloaded meanwhile; try again")]
+    Fenced(String),
     /// Another replica holds the study's tuner.
     #[error("study {study:?} is held by the replica at {address}; ask that one")]
     Elsewhere {
@@ -56,17 +44,11 @@ pub enum StoreError {
         address: String,
     },
     /// Too many writes wait.
-    #[error("{limit} writes are waiting for the disk, which is the limit; try again later")]
-    QueueFull {
-        /// The limit.
-        limit: usize,
-    },
+    #[error("{0} writes are waiting for the disk, which is the limit; try again later")]
+    QueueFull(usize),
     /// The database refused, at the moment.
-    #[error("the database cannot be used at the moment: {problem}; try again later")]
-    Unavailable {
-        /// Its error.
-        problem: String,
-    },
+    #[error("the database cannot be used at the moment: {0}; try again later")]
+    Unavailable(String),
     /// The store has been closed.
     #[error("the database is closed; the daemon is shutting down")]
     Closed,

@@ -72,7 +72,7 @@ impl Fence {
 
     /// The error for a change that comes too late.
     pub(crate) fn check(&self) -> Result<(), StoreError> {
-        if self.holds() { Ok(()) } else { Err(StoreError::Fenced { study: self.study().to_owned() }) }
+        if self.holds() { Ok(()) } else { Err(StoreError::Fenced(self.study().to_owned())) }
     }
 }
 

@@ -221,7 +221,7 @@ impl Store for MemoryStore {
             return stored.record(id).found(spec);
         }
         if inner.studies.len() >= limits::STUDIES as usize {
-            return Err(StoreError::TooManyStudies { limit: limits::STUDIES });
+            return Err(StoreError::TooManyStudies(limits::STUDIES));
         }
         inner.last_key += 1;
         let former = inner.former(id);
@@ -285,7 +285,7 @@ impl Store for MemoryStore {
         inner.identified(study, uid)?;
         if study != to {
             if inner.studies.contains_key(to) {
-                return Err(StoreError::NameTaken { study: to.to_owned() });
+                return Err(StoreError::NameTaken(to.to_owned()));
             }
             let (mut renamed, former) = (inner.take(study)?, inner.former(to));
             let last = renamed.last_trial();

@@ -37,7 +37,7 @@ macro_rules! reads {
             let count: i64 =
                 sqlx::query_scalar(sql::STUDY_COUNT).fetch_one(&mut *connection).await.map_err(failed)?;
             if count >= i64::from(limits::STUDIES) {
-                return Err(StoreError::TooManyStudies { limit: limits::STUDIES });
+                return Err(StoreError::TooManyStudies(limits::STUDIES));
             }
             let (specification, policy) = rows::specification(spec, &EarlierSpaces::default())?;
             let inserting = sqlx::query(sql::STUDY_INSERT).bind(id).bind(specification).bind(policy);

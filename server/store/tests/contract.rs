@@ -450,8 +450,8 @@ async fn a_renamed_study_stays_the_same_one(store: &dyn Store) {
     let old = trials_up_to(store, "attic", 2).await;
     let before = store.get_study("attic").await.unwrap();
     let missing = store.rename_study("none", None, "other").await;
-    assert_eq!(missing, Err(StoreError::StudyNotFound { study: "none".to_owned() }));
-    let taken = |study: &str| Err(StoreError::NameTaken { study: study.to_owned() });
+    assert_eq!(missing, Err(StoreError::StudyNotFound("none".to_owned())));
+    let taken = |study: &str| Err(StoreError::NameTaken(study.to_owned()));
     store.create_study("cellar", &spec(), 5).await.unwrap();
     assert_eq!(store.rename_study("attic", None, "cellar").await, taken("cellar"));
     assert!(old.holds(), "nothing happened to it");
@@ -482,7 +482,7 @@ async fn who_names_an_identity_never_reaches_a_namesake(store: &dyn Store) {
     store.rename_study("hall", Some(meant), "attic").await.unwrap();
     let namesake = store.create_study("hall", &spec(), 5).await.unwrap().study;
     let held = fence(store, "hall").await;
-    let missing = StoreError::StudyNotFound { study: "hall".to_owned() };
+    let missing = StoreError::StudyNotFound("hall".to_owned());
     assert_eq!(store.delete_study("hall", Some(meant)).await, Err(missing.clone()));
     for to in ["loft", "hall"] {
         assert_eq!(store.rename_study("hall", Some(meant), to).await, Err(missing.clone()));

@@ -63,7 +63,7 @@ impl Store for Flaky {
     fn queue(&self, fence: &Fence, write: StudyWrite<'_>) -> Receipt {
         if matches!(write, StudyWrite::Commit(_)) && self.broken.load(Ordering::SeqCst) {
             let problem = "database or disk is full".to_owned();
-            return Receipt::refused(fence, StoreError::Unavailable { problem });
+            return Receipt::refused(fence, StoreError::Unavailable(problem));
         }
         self.inner.queue(fence, write)
     }

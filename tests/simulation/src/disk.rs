@@ -90,7 +90,7 @@ impl SimulatedDisk {
     fn enqueue(&self, job: Job) {
         match self.queue.try_send(job) {
             Ok(()) => {}
-            Err(mpsc::error::TrySendError::Full(job)) => refuse(job, &StoreError::QueueFull { limit: QUEUE }),
+            Err(mpsc::error::TrySendError::Full(job)) => refuse(job, &StoreError::QueueFull(QUEUE)),
             Err(mpsc::error::TrySendError::Closed(job)) => refuse(job, &StoreError::Closed),
         }
     }
@@ -107,7 +107,7 @@ impl SimulatedDisk {
         let fences = lock(&self.fences);
         let found = fences.get(fence.study()).filter(|(own, _)| own.is_same(fence));
         let found = found.map(|(_, durable)| durable.clone());
-        found.ok_or_else(|| StoreError::Fenced { study: fence.study().to_owned() })
+        found.ok_or_else(|| StoreError::Fenced(fence.study().to_owned()))
     }
 
     async fn read(&self) -> Result<(), StoreError> {
@@ -116,7 +116,7 @@ impl SimulatedDisk {
         if !self.alive.load(Ordering::SeqCst) {
             Err(StoreError::Closed)
         } else if self.world.is_in(Trouble::Away, self.replica) {
-            Err(StoreError::Unavailable { problem: "the simulated database is away".to_owned() })
+            Err(StoreError::Unavailable("the simulated database is away".to_owned()))
         } else {
             Ok(())
         }
@@ -196,7 +196,7 @@ impl Writer {
             }
             if self.world.is_in(Trouble::Full, 0) || self.world.chance(self.world.plan.write_fails) {
                 self.world.count(|counts| counts.failed_writes += 1);
-                let error = StoreError::Unavailable { problem: "the simulated disk failed".to_owned() };
+                let error = StoreError::Unavailable("the simulated disk failed".to_owned());
                 group.into_iter().for_each(|job| refuse(job, &error));
                 continue;
             }
@@ -227,7 +227,7 @@ impl Writer {
     /// which.
     fn lose_touch(&self, group: Vec<Job>) {
         self.world.count(|counts| counts.unsure_writes += 1);
-        let error = StoreError::Unavailable { problem: "the simulated database is away".to_owned() };
+        let error = StoreError::Unavailable("the simulated database is away".to_owned());
         // In the first second its last messages may have arrived.
         let away = self.world.troubled(Trouble::Away, self.replica);
         if away.is_some_and(|time| time < Duration::from_secs(1)) && self.world.chance(0.5) {
@@ -260,7 +260,7 @@ impl Writer {
         let store: &MemoryStore = &self.durable.store;
         let write = |durable: &Fence| now(write(store, durable).durable());
         let fences = lock(&self.fences);
-        let fenced = || StoreError::Fenced { study: fence.study().to_owned() };
+        let fenced = || StoreError::Fenced(fence.study().to_owned());
         let found = fences.get(fence.study()).filter(|(ours, _)| ours.is_same(fence));
         let result = match found {
             Some((ours, durable)) if ours.holds() => {

@@ -51,5 +51,5 @@ pub(super) async fn claim(
             return Ok(fence);
         }
     }
-    Err(StoreError::Unavailable { problem: format!("other replicas take study {study:?} again and again") })
+    Err(StoreError::Unavailable(format!("other replicas take study {study:?} again and again")))
 }

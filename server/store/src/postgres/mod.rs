@@ -130,8 +130,7 @@ impl PostgresStore {
                     Ok(()) => return,
                     Err(mpsc::error::TrySendError::Closed(job)) => (job, StoreError::Closed),
                     Err(mpsc::error::TrySendError::Full(job)) => {
-                        let limit = limits::WRITE_QUEUE;
-                        (job, StoreError::QueueFull { limit })
+                        (job, StoreError::QueueFull(limits::WRITE_QUEUE))
                     }
                 }
             }
@@ -173,7 +172,7 @@ fn failed(error: sqlx::Error) -> StoreError {
         sqlx::Error::Database(database) => database.message().to_owned(),
         other => other.to_string(),
     };
-    StoreError::Unavailable { problem }
+    StoreError::Unavailable(problem)
 }
 
 #[async_trait]

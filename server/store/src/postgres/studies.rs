@@ -39,7 +39,7 @@ pub(super) async fn rename(
     read::leave_name(&mut transaction, key).await?;
     let renamed = sqlx::query(sql::STUDY_RENAME).bind(key).bind(to).execute(&mut *transaction).await;
     let renamed = renamed.map_err(|error| match error.as_database_error() {
-        Some(database) if database.is_unique_violation() => StoreError::NameTaken { study: to.to_owned() },
+        Some(database) if database.is_unique_violation() => StoreError::NameTaken(to.to_owned()),
         _ => failed(error),
     })?;
     one_at_most(renamed.rows_affected());
@@ -68,7 +68,7 @@ pub(super) async fn remove_trials(
     assert!(held <= 1, "{held} studies have one key");
     assert!(gone <= most && (held == 1 || gone == 0), "{gone} trials were removed for {most} numbers");
     if held == 0 {
-        return Err(StoreError::Fenced { study: fence.study().to_owned() });
+        return Err(StoreError::Fenced(fence.study().to_owned()));
     }
     unsigned(gone)
 }

@@ -129,7 +129,7 @@ impl Writer {
                 tracing::trace!(writes = jobs.len(), "stored");
                 for job in jobs {
                     let is_held = held.contains(&job.fence.key());
-                    let fenced = || StoreError::Fenced { study: job.fence.study().to_owned() };
+                    let fenced = || StoreError::Fenced(job.fence.study().to_owned());
                     let result = if is_held { Ok(()) } else { Err(fenced()) };
                     job.finish(result);
                 }
@@ -182,15 +182,15 @@ impl Writer {
                 // A deadlock with another replica, or the like: it was rolled back.
                 Class::Again => {}
                 Class::Rule => return BatchResult::Broken(inconsistent(problem)),
-                Class::Refusal => return BatchResult::Failed(StoreError::Unavailable { problem }),
+                Class::Refusal => return BatchResult::Failed(StoreError::Unavailable(problem)),
                 Class::Gone => {
                     self.connection = None;
-                    return BatchResult::Failed(StoreError::Unavailable { problem });
+                    return BatchResult::Failed(StoreError::Unavailable(problem));
                 }
             }
         }
         let problem = "it broke the write off again and again for the sake of others".to_owned();
-        BatchResult::Failed(StoreError::Unavailable { problem })
+        BatchResult::Failed(StoreError::Unavailable(problem))
     }
 
     async fn claim(&mut self, study: &str) -> Result<Fence, StoreError> {
@@ -246,7 +246,7 @@ impl Writer {
         let rows = self.execute(query).await?;
         one_at_most(rows);
         match rows {
-            0 => Err(StoreError::Fenced { study: fence.study().to_owned() }),
+            0 => Err(StoreError::Fenced(fence.study().to_owned())),
             _ => Ok(()),
         }
     }

@@ -168,7 +168,7 @@ async fn rename(
         return Ok(None);
     }
     match read::study_key(&mut *connection, to).await {
-        Ok(_) => return Err(StoreError::NameTaken { study: to.to_owned() }),
+        Ok(_) => return Err(StoreError::NameTaken(to.to_owned())),
         Err(StoreError::StudyNotFound { .. }) => {}
         Err(error) => return Err(error),
     }

@@ -54,7 +54,7 @@ impl FileIdentity {
                 let name = name.display();
                 let problem =
                     format!("{name} was moved, deleted or replaced while the daemon runs; {remedy}");
-                return Err(StoreError::Unavailable { problem });
+                return Err(StoreError::Unavailable(problem));
             }
             *is = found;
         }

@@ -108,8 +108,7 @@ impl SqliteStore {
                 Ok(()) => return,
                 Err(mpsc::error::TrySendError::Closed(job)) => (job, StoreError::Closed),
                 Err(mpsc::error::TrySendError::Full(job)) => {
-                    let limit = limits::WRITE_QUEUE;
-                    (job, StoreError::QueueFull { limit })
+                    (job, StoreError::QueueFull(limits::WRITE_QUEUE))
                 }
             },
         };
@@ -131,9 +130,9 @@ impl SqliteStore {
 fn store_error(error: &sqlx::Error) -> StoreError {
     match error {
         sqlx::Error::PoolClosed => StoreError::Closed,
-        sqlx::Error::Database(database) => StoreError::Unavailable { problem: database.message().to_owned() },
+        sqlx::Error::Database(database) => StoreError::Unavailable(database.message().to_owned()),
         sqlx::Error::ColumnDecode { .. } | sqlx::Error::Decode(_) => rows::inconsistent(error.to_string()),
-        other => StoreError::Unavailable { problem: other.to_string() },
+        other => StoreError::Unavailable(other.to_string()),
     }
 }
 
