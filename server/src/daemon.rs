@@ -2,7 +2,6 @@
 
 use std::io::Write as _;
 use std::net::{Ipv4Addr, SocketAddr};
-use std::path::PathBuf;
 use std::sync::Arc;
 
 use tokio::net::TcpListener;
@@ -29,43 +28,12 @@ const LOCAL: SocketAddr = SocketAddr::new(std::net::IpAddr::V4(Ipv4Addr::LOCALHO
 /// Why the daemon ended with an error. Each has an exit code of its own.
 #[derive(Debug, thiserror::Error)]
 pub enum DaemonError {
-    /// The address cannot be bound.
-    #[error("cannot listen on {address}: {problem}; choose another address with --listen")]
-    Listen {
-        /// The address.
-        address: SocketAddr,
-        /// The system's error.
-        problem: std::io::Error,
-    },
-    /// The Unix socket cannot be bound.
-    #[error("cannot listen on {}: {problem}; choose another path with --socket", path.display())]
-    Socket {
-        /// The socket.
-        path: PathBuf,
-        /// The system's error.
-        problem: std::io::Error,
-    },
+    /// An address or a Unix socket cannot be bound: its name, the system's error, and what to choose instead.
+    #[error("cannot listen on {0}: {1}; choose another {2}")]
+    Listen(String, std::io::Error, &'static str),
     /// A socket that the system has opened must not be served.
     #[error("the socket passed on by the system cannot be used: {0}")]
     Inherited(String),
-    /// The address for metrics cannot be bound.
-    #[error("cannot listen on {address} for metrics: {problem}; choose another address with --metrics")]
-    Metrics {
-        /// The address.
-        address: SocketAddr,
-        /// The system's error.
-        problem: std::io::Error,
-    },
-    /// The address for the dashboard cannot be bound.
-    #[error(
-        "cannot listen on {address} for the dashboard: {problem}; choose another address with --dashboard"
-    )]
-    Dashboard {
-        /// The address.
-        address: SocketAddr,
-        /// The system's error.
-        problem: std::io::Error,
-    },
     /// The database cannot be opened.
     #[error("cannot open the database: {0}")]
     Database(#[from] OpenError),
@@ -89,11 +57,7 @@ impl DaemonError {
     pub fn exit_code(&self) -> u8 {
         match self {
             Self::Serve(_) | Self::System(_) | Self::Tls(_) => 1,
-            Self::Listen { .. }
-            | Self::Socket { .. }
-            | Self::Inherited(_)
-            | Self::Metrics { .. }
-            | Self::Dashboard { .. } => 3,
+            Self::Listen(..) | Self::Inherited(_) => 3,
             Self::Database(_) | Self::Tokens(_) => 4,
         }
     }
@@ -138,16 +102,17 @@ pub async fn run(config: ServeConfig, metrics: Arc<Metrics>) -> Result<(), Daemo
     // Without certificates to reload it is ignored, because closing a terminal should not end the daemon.
     let hang_up = signal(SignalKind::hangup())?;
     let shares = shares(&config)?;
-    let listen_error = |problem| DaemonError::Listen { address: config.listen, problem };
+    let refused = |name: String, other| move |problem| DaemonError::Listen(name, problem, other);
     let tls = config.peers.tls_files(&config.guard).map(Tls::load).transpose()?.map(Arc::new);
     let mut listeners = Listeners::inherited()?;
     if listeners.is_empty() {
         if !config.socket_only {
-            listeners.bind_tcp(config.listen).await.map_err(listen_error)?;
+            let refused = refused(config.listen.to_string(), "address with --listen");
+            listeners.bind_tcp(config.listen).await.map_err(refused)?;
         }
         if let Some(path) = &config.socket {
-            let socket_error = |problem| DaemonError::Socket { path: path.clone(), problem };
-            listeners.bind_unix(path).await.map_err(socket_error)?;
+            let refused = refused(path.display().to_string(), "path with --socket");
+            listeners.bind_unix(path).await.map_err(refused)?;
         }
     } else {
         config.check_inherited(&listeners.addresses()).map_err(DaemonError::Inherited)?;
@@ -156,8 +121,8 @@ pub async fn run(config: ServeConfig, metrics: Arc<Metrics>) -> Result<(), Daemo
     let address = listeners.address().unwrap_or(LOCAL);
     let watch = match config.metrics {
         Some(address) => {
-            let problem = |problem| DaemonError::Metrics { address, problem };
-            let watch = TcpListener::bind(address).await.map_err(problem)?;
+            let refused = refused(format!("{address} for metrics"), "address with --metrics");
+            let watch = TcpListener::bind(address).await.map_err(refused)?;
             tracing::info!(address = %watch.local_addr()?, "metrics are served");
             Some(watch)
         }
@@ -165,8 +130,8 @@ pub async fn run(config: ServeConfig, metrics: Arc<Metrics>) -> Result<(), Daemo
     };
     let dashboard = match config.dashboard {
         Some(address) => {
-            let problem = |problem| DaemonError::Dashboard { address, problem };
-            let dashboard = TcpListener::bind(address).await.map_err(problem)?;
+            let refused = refused(format!("{address} for the dashboard"), "address with --dashboard");
+            let dashboard = TcpListener::bind(address).await.map_err(refused)?;
             tracing::info!(url = %format!("http://{}/", dashboard.local_addr()?), "the dashboard is served");
             Some(dashboard)
         }

@@ -39,21 +39,11 @@ pub struct TlsFiles {
 #[derive(Debug, thiserror::Error)]
 pub enum TlsError {
     /// A file cannot be read.
-    #[error("{}: {problem}", path.display())]
-    Read {
-        /// The file.
-        path: PathBuf,
-        /// The system's error.
-        problem: std::io::Error,
-    },
+    #[error("{}: {}", .0.display(), .1)]
+    Read(PathBuf, std::io::Error),
     /// A file has no usable content.
-    #[error("{}: {problem}", path.display())]
-    Content {
-        /// The file.
-        path: PathBuf,
-        /// The mistake.
-        problem: String,
-    },
+    #[error("{}: {}", .0.display(), .1)]
+    Content(PathBuf, String),
     /// The parts do not fit each other.
     #[error("certificate {} with key {}: {problem}", certificate.display(), key.display())]
     Mismatch {
@@ -253,11 +243,11 @@ impl TlsFiles {
 }
 
 fn content(path: &Path, problem: String) -> TlsError {
-    TlsError::Content { path: path.to_owned(), problem }
+    TlsError::Content(path.to_owned(), problem)
 }
 
 fn read(path: &Path) -> Result<Vec<u8>, TlsError> {
-    let failed = |problem| TlsError::Read { path: path.to_owned(), problem };
+    let failed = |problem| TlsError::Read(path.to_owned(), problem);
     let mut bytes = Vec::new();
     let file = File::open(path).map_err(failed)?;
     file.take(limits::CERTIFICATE_BYTES + 1).read_to_end(&mut bytes).map_err(failed)?;
