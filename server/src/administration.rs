@@ -52,9 +52,6 @@ pub struct CommandOutput {
 }
 
 /// Opens the tokens of a database of either kind, also while daemons serve it.
-///
-/// # Errors
-/// [`OpenError`] with the cause and a remedy.
 pub async fn open(config: &DatabaseConfig) -> Result<Arc<dyn TokenStore>, OpenError> {
     match config.read().map_err(OpenError::BadAddress)? {
         Database::File(path) => Ok(Arc::new(SqliteTokens::open(&path).await?)),

@@ -59,17 +59,11 @@ impl Admission {
     }
 
     /// Admits a request.
-    ///
-    /// # Errors
-    /// [`Error::Draining`] and [`Error::Busy`].
     pub fn request(&self) -> Result<Admitted, Error> {
         self.enter(&self.requests, "requests", self.limits.requests)
     }
 
     /// Admits a Tune stream; each of its frames is a request of its own.
-    ///
-    /// # Errors
-    /// [`Error::Draining`] and [`Error::Busy`].
     pub fn stream(&self) -> Result<Admitted, Error> {
         self.enter(&self.streams, "Tune streams", self.limits.streams)
     }

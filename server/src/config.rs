@@ -183,9 +183,6 @@ impl ServeConfig {
 
     /// Checks the TCP addresses that the system has opened for the daemon. The first has to be the one of
     /// `--listen`, on which the access rules rest. A further one must not be open to more callers.
-    ///
-    /// # Errors
-    /// The mistake in one, and its remedy.
     pub fn check_inherited(&self, addresses: &[SocketAddr]) -> Result<(), String> {
         let Some((first, others)) = addresses.split_first() else {
             return Ok(());

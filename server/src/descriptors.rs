@@ -41,9 +41,6 @@ impl DescriptorShares {
 }
 
 /// Raises the limit as far as the system allows. Returns the new limit and the old one.
-///
-/// # Errors
-/// The system's error.
 pub fn raise() -> std::io::Result<(usize, usize)> {
     let (soft, hard) = getrlimit(Resource::RLIMIT_NOFILE)?;
     let count = |limit: u64| usize::try_from(limit).unwrap_or(usize::MAX);

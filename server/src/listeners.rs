@@ -81,9 +81,6 @@ impl Listeners {
     }
 
     /// Listens on a TCP address as well.
-    ///
-    /// # Errors
-    /// The system's error.
     pub async fn bind_tcp(&mut self, address: SocketAddr) -> io::Result<()> {
         self.tcp.push(TcpListener::bind(address).await?);
         Ok(())

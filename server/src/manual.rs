@@ -15,9 +15,6 @@ pub fn completions(shell: clap_complete::Shell) -> CommandOutput {
 }
 
 /// Writes a manual page for each command, and names the folder.
-///
-/// # Errors
-/// The folder cannot be written to.
 pub fn man(folder: &Path) -> std::io::Result<CommandOutput> {
     std::fs::create_dir_all(folder)?;
     clap_mangen::generate_to(Cli::command(), folder)?;

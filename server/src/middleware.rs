@@ -50,9 +50,6 @@ struct MiddlewareState {
 impl MiddlewareLayer {
     /// Middleware that requires tokens where `access` is given, and recognises requests of replicas by their
     /// key.
-    ///
-    /// # Errors
-    /// When the system has no randomness.
     pub fn new(
         access: Option<Arc<Access>>,
         replica_key: Option<ReplicaKey>,

@@ -93,9 +93,6 @@ impl From<Duration> for Options {
 ///
 /// Draining: health turns NOT_SERVING, new requests are answered UNAVAILABLE, requests and stream frames in
 /// progress are finished, streams end with UNAVAILABLE.
-///
-/// # Errors
-/// [`ServeError`] when the server cannot run at all.
 pub async fn run(
     listeners: impl Into<Listeners>,
     store: Arc<dyn Store>,

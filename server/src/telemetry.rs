@@ -25,9 +25,6 @@ pub enum LogFormat {
 }
 
 /// Reads a filter such as `info,treewright_server=debug`.
-///
-/// # Errors
-/// The part of the text that is no filter.
 pub fn filter(text: &str) -> Result<Targets, ParseError> {
     text.parse()
 }

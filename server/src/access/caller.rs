@@ -208,9 +208,6 @@ impl Caller {
     }
 
     /// Whether the token permits this at the moment.
-    ///
-    /// # Errors
-    /// [`Error::Unauthenticated`] and [`Error::Denied`].
     pub fn may(&self, scope: Scope) -> Result<(), Error> {
         let Self::Holder(holder) = self else {
             return Ok(());
@@ -238,9 +235,6 @@ impl Caller {
     }
 
     /// Checks that the caller may know of a study. The answer does not show whether the study exists.
-    ///
-    /// # Errors
-    /// [`Error::Denied`].
     pub fn reach(&self, study: &str) -> Result<(), Error> {
         if self.sees(study) { Ok(()) } else { Err(Error::Denied("the token is not good for this study")) }
     }
@@ -261,17 +255,11 @@ impl Caller {
     }
 
     /// Counts a trial that is to be handed out.
-    ///
-    /// # Errors
-    /// As [`Self::spend_request`].
     pub fn spend_trial(&self) -> Result<Spent<'_>, Error> {
         self.spend(Usage { trials: 1, ..Usage::default() })
     }
 
     /// Counts a study that is to be created.
-    ///
-    /// # Errors
-    /// As [`Self::spend_request`].
     pub fn spend_study(&self) -> Result<Spent<'_>, Error> {
         self.spend(Usage { studies: 1, ..Usage::default() })
     }

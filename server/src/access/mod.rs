@@ -55,9 +55,6 @@ struct KnownTokens {
 
 impl Access {
     /// Reads the stored tokens.
-    ///
-    /// # Errors
-    /// When they cannot be read.
     pub async fn open(store: Arc<dyn TokenStore>, clock: Arc<dyn Clock>) -> Result<Self, TokenError> {
         let (known, seen) = (RwLock::default(), Arc::new(LastRead::now()));
         let (storing, reading) = <_>::default();

@@ -29,9 +29,6 @@ pub struct Token {
 
 impl Token {
     /// Makes a new token from the system's randomness.
-    ///
-    /// # Errors
-    /// When the system has none.
     pub fn make() -> Result<Self, getrandom::Error> {
         let (mut id, mut secret) = ([0; ID_DIGITS / 2], [0; 32]);
         getrandom::fill(&mut id)?;

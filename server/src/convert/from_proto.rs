@@ -1,4 +1,5 @@
-//! Requests in the daemon's types. `treewright_proto::convert` converts messages to types of the model.
+//! Requests in the daemon's types. `treewright_proto::convert` converts messages to types of the model. What
+//! is wrong is [`Error::Invalid`] with its field, here and in [`names`](super::names).
 
 use std::collections::BTreeMap;
 
@@ -59,9 +60,6 @@ pub struct SpaceChange {
 }
 
 /// Reads a specification.
-///
-/// # Errors
-/// [`Error::Invalid`] with the field.
 pub fn study(study: v1::Study) -> Result<StudySpec, Error> {
     let said = spec_from_wire(study)?;
     let invalid = |error| Error::invalid("study", error);
@@ -74,9 +72,6 @@ pub fn study(study: v1::Study) -> Result<StudySpec, Error> {
 }
 
 /// Reads a change of a study's space.
-///
-/// # Errors
-/// [`Error::Invalid`] with the field.
 pub fn space_change(request: v1::ChangeSpaceRequest) -> Result<SpaceChange, Error> {
     let space = request.space.ok_or_else(|| required("space"))?;
     let space = space_from_wire("space", space)?;
@@ -109,9 +104,6 @@ fn printable(field: &str, space: &Space) -> Result<(), Error> {
 }
 
 /// Reads a question for the next trial.
-///
-/// # Errors
-/// [`Error::Invalid`] with the field.
 pub fn suggest(request: v1::SuggestRequest) -> Result<Suggest, Error> {
     Ok(Suggest {
         study: names::study("study", &request.study)?,
@@ -132,9 +124,6 @@ pub fn suggest(request: v1::SuggestRequest) -> Result<Suggest, Error> {
 }
 
 /// Reads the configuration that a client runs by default.
-///
-/// # Errors
-/// [`Error::Invalid`] with the field.
 pub fn start(wire: Option<v1::Configuration>) -> Result<Option<RawConfiguration>, Error> {
     wire.map(|start| configuration_from_wire("start", start)).transpose().map_err(Error::from)
 }
@@ -157,9 +146,6 @@ fn session_policy(wire: Option<v1::SessionPolicy>) -> Result<SessionPolicy, Erro
 }
 
 /// Reads a result.
-///
-/// # Errors
-/// [`Error::Invalid`] with the field.
 pub fn report(request: v1::ReportRequest) -> Result<Report, Error> {
     Ok(Report {
         trial: names::trial("trial", &request.trial)?,
@@ -170,9 +156,6 @@ pub fn report(request: v1::ReportRequest) -> Result<Report, Error> {
 }
 
 /// Reads why a trial is excluded; none where it counts again.
-///
-/// # Errors
-/// [`Error::Invalid`] with the rule for reasons.
 pub fn exclusion(request: &v1::ExcludeTrialRequest) -> Result<Option<&str>, Error> {
     let reason = request.reason.as_str();
     let is_long = || reason.chars().nth(EXCLUSION_CHARACTERS_MAX).is_some();

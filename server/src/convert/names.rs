@@ -40,9 +40,6 @@ pub struct TrialName {
 }
 
 /// Checks the id of a study that is to be created.
-///
-/// # Errors
-/// [`Error::Invalid`] with the rule.
 pub fn study_id(field: &str, id: &str) -> Result<String, Error> {
     let spelt = id.starts_with(|c: char| c.is_ascii_lowercase())
         && id.bytes().all(|b| matches!(b, b'a'..=b'z' | b'0'..=b'9' | b'-' | b'_'));
@@ -59,9 +56,6 @@ pub fn study_id(field: &str, id: &str) -> Result<String, Error> {
 }
 
 /// Reads `studies/{study}`.
-///
-/// # Errors
-/// [`Error::Invalid`] with the form.
 pub fn study(field: &str, name: &str) -> Result<StudyName, Error> {
     let read = short(name).and_then(|name| name.strip_prefix("studies/")).and_then(place);
     debug_assert!(read.as_ref().is_none_or(|read| read.to_string() == name), "{name:?} is read as {read:?}");
@@ -81,9 +75,6 @@ fn place(text: &str) -> Option<StudyName> {
 }
 
 /// Reads `studies/{study}/trials/{trial}`.
-///
-/// # Errors
-/// [`Error::Invalid`] with the form.
 pub fn trial(field: &str, name: &str) -> Result<TrialName, Error> {
     let read = || {
         let (study, number) = short(name)?.strip_prefix("studies/")?.split_once("/trials/")?;

@@ -29,9 +29,6 @@ impl Query {
     }
 
     /// A whole number above 0; `None` where none is given.
-    ///
-    /// # Errors
-    /// [`Error::Invalid`] for anything else.
     pub(super) fn number(&self, name: &str) -> Result<Option<i64>, Error> {
         let text = self.text(name);
         match text.parse() {
@@ -45,9 +42,6 @@ impl Query {
     }
 
     /// The one of some words that is given, the first where none is.
-    ///
-    /// # Errors
-    /// [`Error::Invalid`] for any other word.
     pub(super) fn word<'a>(&self, name: &str, words: &[&'a str]) -> Result<&'a str, Error> {
         let text = self.text(name);
         let found = words.iter().find(|word| text.is_empty() || **word == text);
@@ -58,9 +52,6 @@ impl Query {
     }
 
     /// Checks that nothing is given but these names: a mistyped one would be passed over.
-    ///
-    /// # Errors
-    /// [`Error::Invalid`] for the first other name.
     pub(super) fn only(&self, names: &[&str]) -> Result<(), Error> {
         match self.0.iter().find(|(name, _)| !names.contains(&name.as_str())) {
             None => Ok(()),

@@ -46,15 +46,9 @@ pub trait Seeking: Sync {
     type Answer: Send;
 
     /// Tries in this replica: the answer, and the place for another try of the rest.
-    ///
-    /// # Errors
-    /// An error that ends the search.
     fn here(&self) -> impl Future<Output = Result<(Self::Answer, Option<Redirect>), Status>> + Send;
 
     /// Tries in another replica, marked as passed on; none where that leaves the question open.
-    ///
-    /// # Errors
-    /// An error that ends the search.
     fn there(
         &self,
         study: &str,
@@ -72,9 +66,6 @@ pub trait Seeking: Sync {
 
 /// Looks for the replica that answers a request until [`limits::PEER_PATIENCE`] is over; then this replica's
 /// last answer counts. A forwarded request is not forwarded again.
-///
-/// # Errors
-/// The errors of the request's own attempts.
 pub async fn find_answer<S: Seeking>(request: &S, was_forwarded: bool) -> Result<S::Answer, Status> {
     let mut patience = Patience::new();
     loop {

@@ -6,9 +6,6 @@ use crate::error::Error;
 use crate::tuning::Tuning;
 
 /// Reads the name of a study and finds it.
-///
-/// # Errors
-/// [`Error::Invalid`], and those of [`find`].
 pub(super) async fn study(
     tuning: &Tuning,
     caller: &Caller,
@@ -19,9 +16,6 @@ pub(super) async fn study(
 }
 
 /// Reads the name of a trial and finds its study.
-///
-/// # Errors
-/// [`Error::Invalid`], and those of [`find`].
 pub(super) async fn trial(
     tuning: &Tuning,
     caller: &Caller,
@@ -34,9 +28,6 @@ pub(super) async fn trial(
 
 /// The study that a request names, under its present id, for which tokens are valid. A hidden study is denied
 /// with equal words whether it exists or not.
-///
-/// # Errors
-/// [`Error::Denied`], and those of [`Tuning::find`].
 pub(super) async fn find(tuning: &Tuning, caller: &Caller, name: StudyName) -> Result<StudyName, Error> {
     let (asked, uid) = (name.id.clone(), name.uid);
     match tuning.find(name).await {

@@ -31,9 +31,6 @@ pub struct Traces(SdkTracerProvider);
 impl Traces {
     /// Begins to send to a collector, e.g. `http://127.0.0.1:4317`. Must be called within a tokio runtime.
     /// The collector need not be there yet.
-    ///
-    /// # Errors
-    /// When the address is none.
     pub fn to(collector: &str) -> Result<Self, ExporterBuildError> {
         let exporter = opentelemetry_otlp::SpanExporter::builder().with_tonic().with_endpoint(collector);
         let exporter = Noting { exporter: exporter.build()?, is_failing: AtomicBool::new(false) };

@@ -14,9 +14,6 @@ use crate::error::Error;
 impl Tuning {
     /// Excludes a completed trial for a reason, or counts it again without one, and returns it. No checkpoint
     /// is saved meanwhile: one from before the change would bring the trial back.
-    ///
-    /// # Errors
-    /// As the wire contract names them.
     pub async fn exclude_trial(&self, name: &TrialName, reason: Option<&str>) -> Result<RawTrial, Error> {
         let _alone = self.pause_checkpoints().await?;
         let mark = self

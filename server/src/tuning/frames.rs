@@ -49,9 +49,6 @@ enum ReportOutcome {
 
 impl Tuning {
     /// Hands out the next trial.
-    ///
-    /// # Errors
-    /// As the wire contract names them.
     pub async fn suggest(&self, suggest: Suggest) -> Result<Trial, Error> {
         self.suggest_after(suggest, None).await
     }
@@ -76,9 +73,6 @@ impl Tuning {
     }
 
     /// Takes a result.
-    ///
-    /// # Errors
-    /// As the wire contract names them.
     pub async fn report(&self, report: Report) -> Result<Reported, Error> {
         let answer = self
             .with_tuner(&report.trial.study.id, |live, store, now_ms| {

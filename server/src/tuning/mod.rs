@@ -41,7 +41,8 @@ use runtime::{Live, Runtime};
 pub use frames::{FrameAnswer, Reported};
 pub use spaces::SpaceEffect;
 
-/// The use cases on one store. Holds the tuners of the studies in memory.
+/// The use cases on one store, with the errors that the wire contract names. Holds the tuners of the studies
+/// in memory.
 pub struct Tuning {
     environment: Arc<Environment>,
     /// Completed trials after which a checkpoint is worth its bytes, as long as it is small.

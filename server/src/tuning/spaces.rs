@@ -49,9 +49,6 @@ struct ChangedStudy {
 
 impl Tuning {
     /// Changes a study's space, or finds it changed so.
-    ///
-    /// # Errors
-    /// As the wire contract names them.
     pub async fn change_space(
         &self,
         study: &StudyName,

@@ -12,9 +12,6 @@ use crate::error::Error;
 
 impl Tuning {
     /// Creates a study, or finds an equal one.
-    ///
-    /// # Errors
-    /// As the wire contract names them.
     pub async fn create_study(&self, id: &str, spec: &StudySpec) -> Result<Created, Error> {
         let created = self.store().create_study(id, spec, self.now_ms()).await?;
         assert_eq!(created.study.id, id, "another study was created");
@@ -63,9 +60,6 @@ impl Tuning {
     }
 
     /// Gives a study another id.
-    ///
-    /// # Errors
-    /// As the wire contract names them.
     pub async fn rename_study(&self, study: &StudyName, to: &str) -> Result<StudyRecord, Error> {
         let renamed = self.store().rename_study(&study.id, study.uid, to).await?;
         assert_eq!(renamed.id, to, "{study} has got another name");
@@ -75,9 +69,6 @@ impl Tuning {
     }
 
     /// Reads a study.
-    ///
-    /// # Errors
-    /// When there is none, or the store cannot be read.
     pub async fn get_study(&self, study: &str) -> Result<StudyRecord, Error> {
         let record = self.store().get_study(study).await?;
         assert_eq!(record.id, study, "another study was read");
@@ -85,17 +76,11 @@ impl Tuning {
     }
 
     /// Reads studies by rising id, behind `after`.
-    ///
-    /// # Errors
-    /// When the store cannot be read.
     pub async fn list_studies(&self, after: Option<&str>, size: u32) -> Result<Vec<StudyRecord>, Error> {
         Ok(self.store().list_studies(after, size).await?)
     }
 
     /// Changes a study's policy, which holds from the next suggestion on, and its texts for people.
-    ///
-    /// # Errors
-    /// As the wire contract names them.
     pub async fn update_study(&self, study: &StudyName, update: &StudyUpdate) -> Result<StudyRecord, Error> {
         let receipt = self
             .with_tuner(&study.id, |live, store, _| {
@@ -117,9 +102,6 @@ impl Tuning {
     }
 
     /// Deletes a study with all its data.
-    ///
-    /// # Errors
-    /// When there is none, or the store cannot be written.
     pub async fn delete_study(&self, study: &StudyName) -> Result<(), Error> {
         self.store().delete_study(&study.id, study.uid).await?;
         self.forget(&study.id);

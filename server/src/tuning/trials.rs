@@ -17,9 +17,6 @@ const TRIES: usize = 8;
 
 impl Tuning {
     /// Takes a trial back unmeasured.
-    ///
-    /// # Errors
-    /// As the wire contract names them.
     pub async fn abandon(&self, name: &TrialName) -> Result<Trial, Error> {
         let (trial, receipt) = match self.change_open(name, |tuner, open, _| tuner.abandon(open)).await? {
             Ok(abandoned) => abandoned,
@@ -38,9 +35,6 @@ impl Tuning {
     }
 
     /// Renews a lease.
-    ///
-    /// # Errors
-    /// As the wire contract names them.
     pub async fn extend_lease(&self, name: &TrialName) -> Result<Trial, Error> {
         let extended = self.change_open(name, |tuner, open, now_ms| tuner.extend_lease(open, now_ms));
         match extended.await? {
@@ -123,9 +117,6 @@ impl Tuning {
     }
 
     /// Reads a trial.
-    ///
-    /// # Errors
-    /// When there is none, or the store cannot be read.
     pub async fn get_trial(&self, name: &TrialName) -> Result<RawTrial, Error> {
         let trial = self.store().get_trial(&name.study.id, name.number).await?;
         assert_eq!(trial.number, name.number, "another trial was read");
@@ -134,9 +125,6 @@ impl Tuning {
     }
 
     /// Reads a page of trials.
-    ///
-    /// # Errors
-    /// When there is no such study, or the store cannot be read.
     pub async fn query_trials(&self, study: &StudyName, query: &TrialQuery) -> Result<TrialPage, Error> {
         let page = self.store().query_trials(&study.id, query).await?;
         self.is_still(study).await?;
@@ -145,9 +133,6 @@ impl Tuning {
 
     /// The prediction, for a client that knows a revision of the space, 0 for the present one, and runs its
     /// start by default. Writes nothing and waits for nothing.
-    ///
-    /// # Errors
-    /// As the wire contract names them.
     pub async fn predict(
         &self,
         study: &StudyName,
@@ -178,9 +163,6 @@ impl Tuning {
     /// The best known configuration, in the state of the indicators or anywhere, for a client that knows a
     /// revision of the space, 0 for the present one, and runs its start by default; and whether it is that, and not in place of one that the
     /// client does not know. The trials behind it are stored.
-    ///
-    /// # Errors
-    /// As the wire contract names them.
     pub async fn best(
         &self,
         study: &StudyName,

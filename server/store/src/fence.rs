@@ -104,9 +104,6 @@ impl Receipt {
     }
 
     /// Waits until the change, and every change before it, is on the disk.
-    ///
-    /// # Errors
-    /// Why it was not stored.
     pub async fn durable(self) -> Result<(), StoreError> {
         self.0.await.unwrap_or(Err(StoreError::Closed))
     }

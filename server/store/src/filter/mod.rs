@@ -24,9 +24,6 @@ pub struct Filter {
 
 impl Filter {
     /// Reads a filter. Blank text matches every trial.
-    ///
-    /// # Errors
-    /// [`FilterError`] with the place and the expected token.
     pub fn parse(text: &str) -> Result<Self, FilterError> {
         parse::filter(text)
     }

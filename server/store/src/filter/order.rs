@@ -38,9 +38,6 @@ impl Default for Order {
 
 impl Order {
     /// Reads an order. Blank text means rising number.
-    ///
-    /// # Errors
-    /// [`FilterError`] with the place and the expected word.
     pub fn parse(text: &str) -> Result<Self, FilterError> {
         const KEYS: &str = "number, cost or measurement.NAME";
         const DIRECTION: &str = "`desc` or the end";

@@ -33,18 +33,12 @@ pub struct SqliteTokens {
 impl SqliteTokens {
     /// Opens the tokens of a database file, also while a daemon has it. Without a daemon, the file is created
     /// and its schema brought up to date first.
-    ///
-    /// # Errors
-    /// [`OpenError`] with the cause and a remedy.
     pub async fn open(path: &Path) -> Result<Self, OpenError> {
         Self::connect(path, open::beside(path).await?).await
     }
 
     /// Opens the tokens of a database that this process serves, and has therefore locked and brought up to
     /// date.
-    ///
-    /// # Errors
-    /// [`OpenError`] with the cause and a remedy.
     pub async fn open_served(path: &Path) -> Result<Self, OpenError> {
         Self::connect(path, open::options(path).create_if_missing(false)).await
     }
