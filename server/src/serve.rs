@@ -318,7 +318,6 @@ async fn sweep(tuning: Arc<Tuning>, store: Arc<dyn Store>) {
     }
 }
 
-/// Saves checkpoints now and then.
 async fn save_checkpoints(tuning: Arc<Tuning>) {
     let mut ticks = interval(limits::CHECKPOINT_PERIOD);
     ticks.set_missed_tick_behavior(MissedTickBehavior::Delay);
@@ -328,7 +327,6 @@ async fn save_checkpoints(tuning: Arc<Tuning>) {
     }
 }
 
-/// Removes old trials now and then.
 async fn thin_trials(tuning: Arc<Tuning>, keep: u64) {
     let mut ticks = interval(limits::THINNING_PERIOD);
     ticks.set_missed_tick_behavior(MissedTickBehavior::Delay);

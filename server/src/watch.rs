@@ -32,7 +32,6 @@ pub(crate) struct Watched {
     pub(crate) admission: Admission,
     pub(crate) connection_slots: ConnectionSlots,
     pub(crate) unfinished: Unfinished,
-    /// The certificates in force.
     pub(crate) tls: Option<Arc<Tls>>,
     /// The file whose date is that of the last backup.
     pub(crate) backup_mark: Option<PathBuf>,

@@ -49,7 +49,6 @@ struct Used {
 }
 
 impl Used {
-    /// Begins a new day if the day has changed.
     fn turn(&mut self, today: i64) {
         if self.day != today {
             *self = Self { day: today, today: Usage::default(), ..*self };
@@ -94,7 +93,6 @@ impl Holder {
         }
     }
 
-    /// The stored terms, live or not.
     pub(super) fn stored(&self) -> Option<Arc<TokenRecord>> {
         self.terms.read().unwrap_or_else(PoisonError::into_inner).clone()
     }

@@ -53,7 +53,6 @@ impl Activity {
         self.with(|state| state.bytes += bytes);
     }
 
-    /// Whether the connection has to make room for others.
     pub(super) fn has_to_go(&self, context: &Context<'_>) -> bool {
         self.slot.notice().is_given(context)
     }
@@ -79,7 +78,6 @@ impl Activity {
         change(&mut self.state.lock().unwrap_or_else(PoisonError::into_inner))
     }
 
-    /// A request begins.
     pub(crate) fn begin(self: &Arc<Self>) -> UnderWay {
         self.with(|state| {
             state.under_way += 1;
@@ -115,7 +113,6 @@ impl Drop for UnderWay {
 }
 
 impl HeldBytes {
-    /// Sets the number of unfinished bytes.
     pub(crate) fn set(&mut self, bytes: usize) {
         let before = std::mem::replace(&mut self.bytes, bytes);
         let (unfinished, slot) = (&self.activity.unfinished, &self.activity.slot);

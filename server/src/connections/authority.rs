@@ -152,7 +152,6 @@ struct Fields {
     is_huffman: bool,
 }
 
-/// The next part.
 #[derive(Clone, Copy, Debug, Default)]
 enum Part {
     #[default]

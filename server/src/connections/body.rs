@@ -70,7 +70,6 @@ impl Messages {
         assert!(self.kept <= limits::REQUEST_BYTES, "{self:?}");
     }
 
-    /// Bytes that are held for messages.
     fn held(&self) -> usize {
         let kept = if self.kept > limits::MESSAGE_BYTES_SMALL { self.kept } else { 0 };
         self.under_way.max(kept)

@@ -24,7 +24,6 @@ use crate::trouble::Trouble;
 
 /// The answers on such a listener.
 pub(crate) trait Pages: Send + Sync + 'static {
-    /// The body of an answer.
     type Body: hyper::body::Body<Data = Bytes, Error = Infallible> + Send + 'static;
 
     /// Whether a connection may ask several times.

@@ -88,7 +88,6 @@ struct OpenConnection {
     is_leaving: bool,
 }
 
-/// The connections from one place.
 #[derive(Debug, Default)]
 struct Crowd {
     open: usize,
@@ -182,12 +181,10 @@ impl ConnectionSlots {
         Ok(Some(ConnectionSlot { slots: self.clone(), number, origin, notice }))
     }
 
-    /// Most connections.
     pub(crate) fn limit(&self) -> usize {
         self.limits.total
     }
 
-    /// The number of open connections, and of newcomers among them.
     pub(crate) fn counts(&self) -> (usize, usize) {
         let taken = self.lock();
         (taken.open.len(), taken.newcomers)

@@ -40,12 +40,10 @@ struct LedgerEntry {
 }
 
 impl Unfinished {
-    /// A ledger of at most `limit` bytes.
     pub(crate) fn new(limit: usize) -> Self {
         Self { limit, held: Arc::default() }
     }
 
-    /// The number of unfinished bytes.
     pub(crate) fn bytes(&self) -> usize {
         self.lock().bytes
     }
@@ -54,7 +52,6 @@ impl Unfinished {
         self.held.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Counts `bytes` more unfinished bytes of a connection.
     pub(super) fn add(&self, slot: &ConnectionSlot, bytes: usize) {
         if bytes == 0 {
             return;

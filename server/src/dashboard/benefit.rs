@@ -58,7 +58,6 @@ impl Benefit {
         }
     }
 
-    /// Whether any frame counts.
     pub(super) fn is_empty(&self) -> bool {
         self.frames == 0
     }

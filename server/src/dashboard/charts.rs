@@ -18,7 +18,6 @@ const ROWS: usize = 20;
 /// The colour of a kind of trials, and its name.
 pub(super) type Kind = (Colour, &'static str);
 
-/// A trial in a tuning curve.
 pub(super) struct CurvePoint {
     pub(super) number: f64,
     /// `None` for a trial without a usable cost.

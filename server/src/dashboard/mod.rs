@@ -58,7 +58,6 @@ const COOKIE: &str = "treewright_token";
 
 type Body = BoxBody<Bytes, Infallible>;
 
-/// The inputs of the pages.
 pub(crate) struct Dashboard {
     tuning: Arc<Tuning>,
     /// Without it no token is required.
@@ -67,7 +66,6 @@ pub(crate) struct Dashboard {
     index: StudyIndex,
 }
 
-/// The visitor of a page.
 pub(super) struct Visitor<'a> {
     tuning: &'a Tuning,
     caller: &'a Caller,
@@ -332,7 +330,6 @@ fn full(text: impl Into<Bytes>) -> Body {
     BodyExt::boxed(Full::new(text.into()))
 }
 
-/// Adds the headers of every answer.
 fn guarded(mut response: Response<Body>) -> Response<Body> {
     let headers = response.headers_mut();
     for (name, value) in [

@@ -37,14 +37,12 @@ pub(super) use trials::trials;
 /// Most trials in pictures: the latest.
 const TRIALS: usize = 1000;
 
-/// The frame around every page.
 #[derive(Clone, Copy)]
 pub(super) struct PageFrame {
     /// The visitor has logged in, and may log out.
     pub(super) has_token: bool,
 }
 
-/// The head of a study's pages.
 struct Head {
     id: String,
     /// `ID@UID`, for forms: they change no other study that got the id after the page was read.
@@ -64,7 +62,6 @@ struct Head {
     open: i64,
 }
 
-/// A trial in a table.
 struct TrialRow {
     number: u64,
     state: i64,
@@ -94,7 +91,6 @@ struct Problem<'a> {
     problem: &'a str,
 }
 
-/// A page as text.
 pub(super) fn render(page: &impl Template) -> Result<String, Error> {
     page.render().map_err(|_| Error::Defect("a page could not be written"))
 }
@@ -259,7 +255,6 @@ fn value(value: &v1::Value) -> String {
     }
 }
 
-/// The default of each parameter.
 struct Defaults(BTreeMap<String, v1::Value>);
 
 impl Defaults {

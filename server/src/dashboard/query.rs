@@ -2,7 +2,6 @@
 
 use crate::error::Error;
 
-/// Names and values.
 #[derive(Debug, Default)]
 pub(super) struct Query(Vec<(String, String)>);
 

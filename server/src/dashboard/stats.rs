@@ -13,7 +13,6 @@ const GROUPS: usize = 5;
 /// Least number of different configurations for importances.
 const CONFIGURATIONS_MIN: usize = 20;
 
-/// A parameter's axis.
 pub(super) fn axis(parameter: &Parameter) -> Axis {
     let (low, high) = match &parameter.domain {
         Domain::Integer { min, max, .. } => (min.to_string(), max.to_string()),

@@ -18,7 +18,6 @@ use crate::error::Error;
 use crate::rpc;
 use treewright_store::StoreError;
 
-/// The outcome of a form.
 pub(super) enum Steered {
     /// The study is changed, and this page shows it, under the id that the study has by now.
     Changed(String),
@@ -26,7 +25,6 @@ pub(super) enum Steered {
     Elsewhere(String),
 }
 
-/// The change that a form asks for.
 struct FormChange {
     request: FormRequest,
     /// The words for the log.
@@ -35,7 +33,6 @@ struct FormChange {
     command: (&'static str, String),
 }
 
-/// The request that a form stands for.
 enum FormRequest {
     /// A change of a study, and the end of the address of the page that shows it.
     Study(Box<v1::UpdateStudyRequest>, &'static str),
@@ -66,7 +63,6 @@ impl FormRequest {
     }
 }
 
-/// A form of a study's pages.
 pub(super) enum SteeringForm<'a> {
     /// A field of the policy.
     Field,

@@ -62,32 +62,27 @@ use crate::status;
 use studies::StudyFamilies;
 pub(crate) use study::{FrameCounts, StudyFigures};
 
-/// An RPC.
 #[derive(Clone, Debug, Hash, PartialEq, Eq, EncodeLabelSet)]
 struct RpcLabel {
     rpc: &'static str,
 }
 
-/// An RPC and its status code.
 #[derive(Clone, Debug, Hash, PartialEq, Eq, EncodeLabelSet)]
 struct EndingLabel {
     rpc: &'static str,
     code: &'static str,
 }
 
-/// The reason of a refusal or a lost connection.
 #[derive(Clone, Debug, Hash, PartialEq, Eq, EncodeLabelSet)]
 struct ReasonLabel {
     reason: &'static str,
 }
 
-/// The running version.
 #[derive(Clone, Debug, Hash, PartialEq, Eq, EncodeLabelSet)]
 struct BuildLabel {
     version: &'static str,
 }
 
-/// The outcome of an event.
 #[derive(Clone, Debug, Hash, PartialEq, Eq, EncodeLabelSet)]
 struct OutcomeLabel {
     outcome: &'static str,
@@ -97,9 +92,7 @@ struct OutcomeLabel {
 #[derive(Debug)]
 pub struct Metrics {
     registry: Mutex<Registry>,
-    /// All requests and frames that were answered.
     answers: AtomicU64,
-    /// The time of the last durable write.
     last_durable: Mutex<Instant>,
     events: EventFigures,
     now: MomentGauges,
@@ -244,7 +237,6 @@ impl Metrics {
         self.events.request_seconds.get_or_create(&RpcLabel { rpc }).observe(took.as_secs_f64());
     }
 
-    /// The number of requests and frames answered since the start.
     pub(crate) fn answers(&self) -> u64 {
         self.answers.load(Ordering::Relaxed)
     }
@@ -273,7 +265,6 @@ impl Metrics {
         self.events.late_reports.inc_by(late as u64);
     }
 
-    /// Counts `leases` leases that have run out.
     pub(crate) fn expired(&self, leases: usize) {
         self.events.expired_leases.inc_by(leases as u64);
     }
@@ -336,7 +327,6 @@ impl Metrics {
     }
 }
 
-/// Sets a gauge to a count.
 pub(crate) fn set(gauge: &Gauge, count: u64) {
     gauge.set(i64::try_from(count).unwrap_or(i64::MAX));
 }

@@ -40,7 +40,6 @@ type FloatCounter = Counter<f64, AtomicU64>;
 type FloatGauge = Gauge<f64, AtomicU64>;
 
 figures! {
-    /// The figures, by study.
     pub(super) struct StudyFamilies {
         trials: Family<StudyLabel, Gauge>, "study_trials", "Trials that a study handed out in all";
         states: Family<StudyLabel, Gauge>, "study_states", "States that a study has met";

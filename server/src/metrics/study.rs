@@ -22,7 +22,6 @@ pub(crate) struct FrameCounts {
     pub(crate) regret: [f64; MODES.len()],
     /// The sums of their values of a metric that is maximised and counts alone; else 0.
     pub(crate) reached: [f64; MODES.len()],
-    /// Leases that ran out.
     pub(crate) expired: u64,
     /// The time at which the models last learnt, by the daemon's clock.
     pub(crate) learnt_ms: Option<i64>,
@@ -63,10 +62,8 @@ impl FrameCounts {
     }
 }
 
-/// The figures of one study.
 #[derive(Clone, Debug)]
 pub(crate) struct StudyFigures {
-    /// Its id.
     pub(crate) study: String,
     /// Counts of the whole study.
     pub(crate) statistics: StudyCounts,

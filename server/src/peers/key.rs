@@ -34,7 +34,6 @@ impl ReplicaKey {
         Self(value)
     }
 
-    /// Shows the key with a request.
     pub(crate) fn show(&self, headers: &mut HeaderMap) {
         headers.insert(FORWARDED, self.0.clone());
     }

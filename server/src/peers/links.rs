@@ -14,7 +14,6 @@ use crate::limits;
 use crate::metrics::Metrics;
 use crate::tls::Tls;
 
-/// Connections by address.
 #[derive(Default)]
 pub(super) struct Links {
     tls: Option<Arc<Tls>>,
@@ -39,7 +38,6 @@ impl Links {
         Self { tls, known: Mutex::default(), metrics }
     }
 
-    /// A connection to a replica.
     pub(super) fn channel(&self, address: &str) -> Result<Channel, Status> {
         let (number, config) = match &self.tls {
             Some(tls) => tls.outgoing(),
@@ -75,7 +73,6 @@ impl Links {
         Ok(channel)
     }
 
-    /// A replica gave an answer of any kind.
     pub(super) fn answered(&self, address: &str) {
         self.metrics.forwarded("answered");
         if self.note(address, false) {
@@ -83,7 +80,6 @@ impl Links {
         }
     }
 
-    /// A replica did not answer.
     pub(super) fn silent(&self, address: &str, error: &(dyn Error + 'static)) {
         self.metrics.forwarded("silent");
         if self.note(address, true) {

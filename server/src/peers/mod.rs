@@ -133,7 +133,6 @@ impl Peers {
         self.links.channel(address)
     }
 
-    /// The replica does not hold the study any more, or did not answer.
     pub(crate) fn doubt(&self, study: &str) {
         self.store.doubt(study);
     }
@@ -165,7 +164,6 @@ impl Peers {
         answer.ok()
     }
 
-    /// No replica did the request in time.
     pub(crate) fn gave_up(&self, study: &str) {
         self.refusals.note_unplaced(study);
     }

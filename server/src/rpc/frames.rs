@@ -22,7 +22,6 @@ pub(super) trait Attempt: Sync {
     ) -> impl Future<Output = Result<(wire::TuneResponse, Option<Redirect>), Status>> + Send;
 }
 
-/// The routing of one stream's frames.
 pub(super) struct FrameRouter {
     peers: Option<Arc<Peers>>,
     /// The metadata that the client sent with the stream, its credentials among them.

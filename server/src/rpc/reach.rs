@@ -5,7 +5,6 @@ use crate::convert::names::{self, StudyName, TrialName};
 use crate::error::Error;
 use crate::tuning::Tuning;
 
-/// Reads the name of a study and finds it.
 pub(super) async fn study(
     tuning: &Tuning,
     caller: &Caller,
@@ -15,7 +14,6 @@ pub(super) async fn study(
     find(tuning, caller, names::study(field, name)?).await
 }
 
-/// Reads the name of a trial and finds its study.
 pub(super) async fn trial(
     tuning: &Tuning,
     caller: &Caller,

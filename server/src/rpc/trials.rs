@@ -43,7 +43,6 @@ pub(super) async fn report(
     Ok(reported(&study, &tuning.report(report).await?))
 }
 
-/// The answer to a report.
 pub(super) fn reported(study: &StudyName, reported: &Reported) -> wire::ReportResponse {
     let (trial, duplicate) = match reported {
         Reported::Taken(trial) => (to_proto::trial(study, trial), false),

@@ -28,7 +28,6 @@ use crate::tuning::Tuning;
 
 pub(super) type TuneAnswers = ReceiverStream<Result<wire::TuneResponse, Status>>;
 
-/// The parts that one stream works with.
 pub(super) struct TuneStream {
     pub(super) tuning: Arc<Tuning>,
     pub(super) admission: Admission,
@@ -95,7 +94,6 @@ impl TuneStream {
         ReceiverStream::new(stream)
     }
 
-    /// Separates the result from the error.
     fn split<T>(&self, result: Option<Result<T, Error>>) -> (Option<T>, Option<wire::TuneError>) {
         match result {
             None => (None, None),

@@ -193,7 +193,6 @@ impl Tuning {
 /// A completed trial, the receipt of its report, and whether updates of the models were deferred.
 type Taken = (Box<Trial>, Receipt, bool);
 
-/// An answer that waits for the disk.
 enum Queued {
     Taken(Taken),
     Closed(ClosedMark),
@@ -300,7 +299,6 @@ fn take(live: &mut Live, report: &Report, now_ms: i64) -> ReportOutcome {
     }
 }
 
-/// Gives a report to the tuner.
 fn completed(
     live: &mut Live,
     trial: &Trial,

@@ -43,12 +43,10 @@ pub(super) struct Identity {
     pub(super) skipped: u64,
 }
 
-/// A study in memory.
 pub(super) struct Read {
     pub(super) tuner: Tuner,
     pub(super) identity: Identity,
     pub(super) fence: Fence,
-    /// The checkpoint that it began with.
     pub(super) saved: Saved,
     /// The spaces that the study had before.
     pub(super) earlier: EarlierSpaces,

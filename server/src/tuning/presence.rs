@@ -34,7 +34,6 @@ impl Presence {
         self.pardoned_until_ms.fetch_max(until_ms, Ordering::Relaxed).max(until_ms)
     }
 
-    /// Notes a sweep of leases at `now_ms`.
     pub(super) fn swept(&self, now_ms: i64) {
         self.pardoned_until_ms(now_ms);
         self.swept_ms.store(now_ms, Ordering::Relaxed);

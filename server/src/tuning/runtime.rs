@@ -31,7 +31,6 @@ use crate::metrics::{FrameCounts, Metrics};
 /// The number of loads of a study for one request, if its fence breaks at once each time.
 const LOADS_PER_REQUEST: usize = 3;
 
-/// The cache of one study.
 pub(super) struct Runtime {
     study: String,
     environment: Arc<Environment>,
@@ -102,7 +101,6 @@ pub(super) struct Live {
     pub(super) saved: Saved,
     /// The states whose search is being planned for.
     pub(super) planned_searches: PlannedSearches,
-    /// Counts for the metrics.
     pub(super) tally: FrameCounts,
     /// The completion of the checkpoint at the last removal of trials.
     pub(super) thinned: u64,
@@ -183,7 +181,6 @@ impl Live {
 }
 
 impl Runtime {
-    /// An empty cache of a study.
     pub(super) fn new(study: &str, environment: Arc<Environment>) -> Arc<Self> {
         let (live, loading, updating) = <_>::default();
         Arc::new(Self { study: study.to_owned(), environment, live, loading, updating })
@@ -282,7 +279,6 @@ fn keep(runtime: &Weak<Runtime>, read: Read, study: &str) {
     });
 }
 
-/// The tuner, if it is still current.
 fn current(live: &mut Option<Live>) -> Option<&mut Live> {
     live.as_mut().filter(|live| live.fence.holds() && !live.is_stale)
 }

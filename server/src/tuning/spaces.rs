@@ -37,7 +37,6 @@ pub struct SpaceEffect {
     pub given_back: u64,
 }
 
-/// A study with its new space.
 struct ChangedStudy {
     spec: StudySpec,
     earlier: EarlierSpaces,
@@ -122,7 +121,6 @@ impl Tuning {
 }
 
 impl Live {
-    /// The study after a change.
     fn changed(&self, change: &SpaceChange) -> Result<ChangedStudy, Error> {
         let (spec, present) = (self.tuner.spec(), self.earlier.revision());
         let is_there = spec.space == change.space;

@@ -28,7 +28,6 @@ row! {
 }
 
 impl StudyRow {
-    /// Whether the names rise and follow `after`.
     pub(crate) fn follow(rows: &[Self], after: &str) -> bool {
         let names = std::iter::once(after).chain(rows.iter().map(|row| row.name.as_str()));
         names.is_sorted_by(|before, name| before < name)
@@ -75,7 +74,6 @@ pub(crate) fn rise_behind(after: u64, numbers: impl Iterator<Item = u64>) -> boo
     std::iter::once(after).chain(numbers).is_sorted_by(|before, number| before < number)
 }
 
-/// The rows of a study that is loaded.
 pub(crate) struct StudyRows {
     pub(crate) study: StudyRow,
     pub(crate) states: Vec<StateRecord>,

@@ -44,7 +44,6 @@ pub(crate) fn sqlite() -> Migrator {
     migrator(SQLITE)
 }
 
-/// The schema on PostgreSQL.
 #[cfg(feature = "postgres")]
 pub(crate) fn postgres() -> Migrator {
     migrator(POSTGRES)

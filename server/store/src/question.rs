@@ -17,13 +17,10 @@ use crate::store::TrialQuery;
 
 /// A statement under construction, in one database's dialect.
 pub(crate) trait Dialect {
-    /// Adds fixed text.
     fn text(&mut self, sql: &str) -> &mut Self;
-    /// Binds an integer.
     fn integer(&mut self, value: i64) -> &mut Self;
     /// Binds a number that is compared with a column of numbers.
     fn real(&mut self, value: f64) -> &mut Self;
-    /// Binds text.
     fn string(&mut self, value: &str) -> &mut Self;
     /// Binds a truth value that is compared with a column of such.
     fn flag(&mut self, value: bool) -> &mut Self;

@@ -67,7 +67,6 @@ macro_rules! reads {
             fold_names(connection, limits::FORMER_NAMES).await.map_err(refused)
         }
 
-        /// Keeps the list of former names short.
         async fn fold_names(connection: &mut $connection, listed: u32) -> Result<(), sqlx::Error> {
             let folding = sqlx::query(sql::NAMES_FOLDED).bind(i64::from(listed));
             one_at_most(folding.execute(&mut *connection).await?.rows_affected());
@@ -83,7 +82,6 @@ macro_rules! reads {
                 .ok_or_else(|| study_not_found(study))
         }
 
-        /// The name of the study with an identity.
         pub(super) async fn study_of_uid(
             connection: &mut $connection,
             uid: StudyUid,

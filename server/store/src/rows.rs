@@ -114,7 +114,6 @@ pub(crate) struct Rows {
     pub(crate) states: Vec<StateRow>,
     pub(crate) visits: Vec<VisitRow>,
     pub(crate) trials: Vec<TrialRow>,
-    /// Clients whose visits are removed.
     pub(crate) forgotten: Vec<String>,
 }
 
@@ -150,7 +149,6 @@ impl Rows {
         self.count() == 0
     }
 
-    /// The number of rows that are stored or removed.
     pub(crate) fn count(&self) -> usize {
         self.states.len() + self.visits.len() + self.trials.len() + self.forgotten.len()
     }

@@ -22,7 +22,6 @@ const TRIALS: usize = 5000;
 struct Page {
     frame: PageFrame,
     head: Head,
-    /// The fields of the form.
     metrics: String,
     state: String,
     note: String,

@@ -34,7 +34,6 @@ pub(super) struct IndexRow {
 }
 
 impl IndexRow {
-    /// The row for another dashboard.
     pub(super) fn to_json(&self) -> Value {
         let gain = self.gain.map(|gain| json!({ "share": gain.share, "low": gain.low, "high": gain.high }));
         json!({

@@ -26,14 +26,12 @@ use crate::limits;
 /// Where a dashboard lists its studies in JSON.
 const PATH: &str = "/studies.json";
 
-/// The other dashboards.
 pub(super) struct OtherDaemons {
     peers: Vec<DashboardPeer>,
     /// Their last answers, and when they came.
     last: Mutex<Option<(Instant, Arc<Vec<OtherDaemon>>)>>,
 }
 
-/// The answer of another dashboard.
 #[derive(Debug)]
 pub(super) struct OtherDaemon {
     pub(super) peer: DashboardPeer,
@@ -42,12 +40,10 @@ pub(super) struct OtherDaemon {
 }
 
 impl OtherDaemons {
-    /// The named dashboards.
     pub(super) fn new(peers: Vec<DashboardPeer>) -> Self {
         Self { peers, last: Mutex::default() }
     }
 
-    /// Whether any was named.
     pub(super) fn is_empty(&self) -> bool {
         self.peers.is_empty()
     }
@@ -118,7 +114,6 @@ async fn ask(peer: &DashboardPeer) -> Result<Vec<IndexRow>, String> {
     rows(&body.to_bytes()).ok_or_else(|| "its answer is no list of studies".to_owned())
 }
 
-/// The rows of a list in JSON.
 fn rows(text: &[u8]) -> Option<Vec<IndexRow>> {
     let told: Value = serde_json::from_slice(text).ok()?;
     told["studies"].as_array()?.iter().take(limits::DASHBOARD_STUDIES).map(IndexRow::of_json).collect()

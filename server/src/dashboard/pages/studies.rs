@@ -53,10 +53,8 @@ struct Page {
     tag: String,
     is_cut: bool,
     states_most: i64,
-    /// The number of this page and of the last one.
     page: usize,
     pages: usize,
-    /// The queries of the pages before and after.
     previous: Option<String>,
     next: Option<String>,
 }
@@ -70,7 +68,6 @@ struct Column {
     query: String,
 }
 
-/// A row with its place.
 struct ShownRow {
     row: IndexRow,
     /// The daemon's name; empty for this one.
@@ -303,7 +300,6 @@ impl IndexOrder<'_> {
         COLUMNS.into_iter().filter(|name| has_daemons || *name != "Daemon").map(column).collect()
     }
 
-    /// The query of a page in this order.
     fn query(self, page: Option<usize>) -> String {
         let reverse = if self.reverse { "1" } else { "" };
         let page = page.map(|page| page.to_string()).unwrap_or_default();

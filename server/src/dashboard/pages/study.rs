@@ -32,11 +32,9 @@ struct Page {
     frame: PageFrame,
     head: Head,
     note: String,
-    /// Each tag with its address.
     tags: Vec<(String, String)>,
     /// The tags as the form has them.
     words: String,
-    /// Whether the visitor may change these.
     may_steer: bool,
     state: Option<i64>,
     best: Option<BestCard>,
@@ -54,7 +52,6 @@ struct Page {
     failures: Vec<TrialRow>,
 }
 
-/// The best configuration of the shown state.
 struct BestCard {
     cost: String,
     interval: String,
@@ -65,7 +62,6 @@ struct BestCard {
 
 struct StateRow {
     state: i64,
-    /// Its curve is shown.
     is_shown: bool,
     cost: String,
     gain: String,
@@ -81,7 +77,6 @@ struct StateRow {
 struct PolicyPage {
     frame: PageFrame,
     head: Head,
-    /// Whether the visitor may change it.
     may_steer: bool,
     is_frozen: bool,
     is_pinned: bool,

@@ -61,7 +61,6 @@ struct KnownSummaries {
     pending: BTreeMap<String, (String, v1::StudyStatistics)>,
     /// The study whose turn was last.
     turn_of: String,
-    /// The number of changes.
     changes: u64,
 }
 
@@ -95,7 +94,6 @@ impl Summaries {
         self.known.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// The number of changes of summaries so far.
     pub(super) fn changes(&self) -> u64 {
         self.lock().changes
     }
@@ -146,7 +144,6 @@ impl Summaries {
         (has_work, is_awaited)
     }
 
-    /// Makes what is to be made.
     async fn work(&self, tuning: &Tuning) {
         let _turn = self.turn.lock().await;
         loop {
@@ -179,7 +176,6 @@ impl Summaries {
     }
 }
 
-/// Summarises a study.
 async fn summarise(tuning: &Tuning, id: &str, uid: &str) -> Result<StudySummary, Error> {
     let record = tuning.get_study(id).await?;
     if record.uid.to_string() != uid {

@@ -19,7 +19,6 @@ struct Page {
     order: String,
     problem: Option<String>,
     rows: Vec<TrialRow>,
-    /// The query of the next page.
     next: Option<String>,
 }
 

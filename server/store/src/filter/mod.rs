@@ -95,7 +95,6 @@ pub(crate) enum Literal {
     Boolean(bool),
 }
 
-/// What of a trial is compared.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Field {
     State,

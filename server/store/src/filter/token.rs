@@ -2,7 +2,6 @@
 
 use super::{FilterError, Operator};
 
-/// A piece of a filter.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum FilterToken {
     /// A field, an enum's value, `AND`, `true` or `false`.

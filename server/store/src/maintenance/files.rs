@@ -23,7 +23,6 @@ pub(super) fn need(path: &Path) -> Result<(), MaintenanceError> {
     if path.exists() { Ok(()) } else { Err(MaintenanceError::Missing(path.to_owned())) }
 }
 
-/// Whether both names are of one file.
 pub(super) fn are_same(one: &Path, other: &Path) -> bool {
     match (fs::metadata(one), fs::metadata(other)) {
         (Ok(one), Ok(other)) => (one.dev(), one.ino()) == (other.dev(), other.ino()),
@@ -65,7 +64,6 @@ impl PartialFile {
         &self.path
     }
 
-    /// Waits until all of it is on the disk.
     pub(super) fn sync(&self) -> Result<(), MaintenanceError> {
         let synced = File::open(&self.path).and_then(|open| open.sync_all());
         synced.map_err(MaintenanceError::system(&self.path, "made durable"))

@@ -124,7 +124,6 @@ async fn say_good_bye(shared: &SharedState, mut connection: PgConnection) {
     }
 }
 
-/// Begins to listen.
 pub(super) async fn listener(shared: &SharedState) -> Result<PgListener, sqlx::Error> {
     let pool = PgPoolOptions::new()
         .max_connections(1)

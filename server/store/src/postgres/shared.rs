@@ -20,7 +20,6 @@ pub(super) struct SharedState {
     owners: Mutex<HashMap<String, StudyHolder>>,
 }
 
-/// Another replica that holds a study.
 #[derive(Clone, Debug)]
 pub(super) struct StudyHolder {
     pub(super) key: i64,
@@ -77,7 +76,6 @@ impl SharedState {
         self.forget_owners(|owner| owner.key == key);
     }
 
-    /// The study is gone.
     pub(super) fn deleted(&self, key: i64) {
         if let Some(fence) = lock(&self.fences).remove(&key) {
             fence.break_up();

@@ -32,7 +32,6 @@ const TRIES: usize = 4;
 
 type Statement<'q> = Query<'q, Postgres, PgArguments>;
 
-/// A write of one study.
 pub(super) enum StudyJob {
     Change(ChangeJob),
     Claim { study: String, answer: oneshot::Sender<Result<Fence, StoreError>> },
@@ -90,7 +89,6 @@ pub(super) async fn run(shared: Arc<SharedState>, mut queue: mpsc::Receiver<Stud
 struct Writer {
     shared: Arc<SharedState>,
     connection: Option<PgConnection>,
-    /// The last failure to connect.
     failure: Option<(Instant, StoreError)>,
 }
 
@@ -310,7 +308,6 @@ fn leading_commits(group: &VecDeque<StudyJob>) -> usize {
     count
 }
 
-/// The class of a database error, for a write.
 enum Class {
     Again,
     Rule,

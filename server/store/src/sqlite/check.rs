@@ -15,7 +15,6 @@ use crate::limits;
 /// Number of steps after which SQLite asks whether it should go on; each is at most a page.
 const STEPS: i32 = 256;
 
-/// Why a check failed.
 #[derive(Debug)]
 pub(crate) enum Unsound {
     /// The problems, at least one, each in a line.

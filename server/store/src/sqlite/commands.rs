@@ -58,7 +58,6 @@ pub(super) enum WriteResult {
 /// The fence in force for each study, by key.
 pub(super) type GroupFences = HashMap<i64, Fence>;
 
-/// Carries a command out.
 pub(super) async fn apply(
     connection: &mut SqliteConnection,
     fences: &mut GroupFences,
@@ -110,7 +109,6 @@ pub(super) async fn apply(
     }
 }
 
-/// Carries out a change of a study.
 async fn change_study(
     connection: &mut SqliteConnection,
     fence: &Fence,

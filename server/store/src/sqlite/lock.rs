@@ -53,7 +53,6 @@ fn open(path: &Path) -> std::io::Result<File> {
     Ok(file)
 }
 
-/// Why the lock cannot be taken.
 fn refusal(database: &Path, lock: PathBuf, mut named: File) -> OpenError {
     let mut text = String::new();
     // The process id is a courtesy; without it the message is only shorter.

@@ -161,7 +161,6 @@ fn network(number: u64) -> Option<&'static str> {
     })
 }
 
-/// The folder that a file lies in.
 pub(crate) fn folder(path: &Path) -> &Path {
     match path.parent() {
         Some(parent) if !parent.as_os_str().is_empty() => parent,

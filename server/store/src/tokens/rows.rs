@@ -92,7 +92,6 @@ impl Usage {
     }
 }
 
-/// Studies and quota as JSON texts.
 pub(crate) fn texts(studies: &Studies, quota: &Quota) -> Result<(String, String), TokenError> {
     let json = |error: serde_json::Error| inconsistent(error.to_string());
     let texts = (serde_json::to_string(studies).map_err(json)?, serde_json::to_string(quota).map_err(json)?);
