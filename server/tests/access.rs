@@ -5,7 +5,6 @@ mod common;
 use std::sync::Arc;
 use std::time::Duration;
 
-use common::flaky::Flaky;
 use common::{Caller, Server, ask, assert_refused, creation, report, study};
 use tonic::metadata::MetadataValue;
 use tonic::{Code, Request, Status};
@@ -16,7 +15,7 @@ use treewright_server::access::token::Token;
 use treewright_server::clock::ManualClock;
 use treewright_server::serve::Options;
 use treewright_store::tokens::{Quota, Scope, TokenRecord};
-use treewright_store::{MemoryStore, MemoryTokens, Store, TokenStore};
+use treewright_store::{Faults, MemoryStore, MemoryTokens, Store, TokenStore};
 
 struct Guarded {
     server: Server,
@@ -219,14 +218,14 @@ async fn other_studies_are_out_of_reach_and_out_of_sight() {
 
 #[tokio::test]
 async fn who_may_create_no_more_does_not_create_a_study_that_was_just_deleted() {
-    let store = Arc::new(Flaky { fleeting: true, ..Flaky::default() });
+    let store = Arc::new(MemoryStore::with(Faults { fleeting: true, ..Faults::default() }));
     let guarded = Guarded::on(Arc::clone(&store) as _).await;
     let quota = Quota { studies: Some(1), ..Quota::default() };
     let token = guarded.token(Scope::Tune, &[], quota).await;
     let mut caller = guarded.with(&token).await;
     caller.create_study(named("hall")).await.expect("created");
     caller.create_study(named("hall")).await.expect("found again");
-    let gone = store.inner.get_study("hall").await;
+    let gone = store.get_study("hall").await;
     assert!(gone.is_err(), "it was deleted behind the look, and is not created again: {gone:?}");
 }
 

@@ -7,7 +7,6 @@ use std::net::SocketAddr;
 use std::sync::Arc;
 use std::time::Duration;
 
-use common::flaky::Flaky;
 use common::{Caller, START_MS, Server, ask, configuration, creation, report, study};
 use tokio::net::TcpListener;
 use treewright_proto::v1::{self as wire};
@@ -17,7 +16,7 @@ use treewright_server::config::DashboardPeer;
 use treewright_server::limits::DASHBOARD_ROWS;
 use treewright_server::serve::Options;
 use treewright_store::tokens::{Quota, Scope};
-use treewright_store::{MemoryStore, MemoryTokens, Store, TokenStore};
+use treewright_store::{Faults, MemoryStore, MemoryTokens, Store, TokenStore};
 use treewright_test_postgres::Database;
 
 /// A server with a dashboard that asks for tokens, and a token that may do everything.
@@ -157,7 +156,8 @@ async fn a_form_changes_no_other_study_that_got_the_id_later() {
 #[tokio::test]
 async fn a_form_waits_for_its_study_to_be_loaded() {
     let load_takes = treewright_server::limits::LOADING_WAIT + Duration::from_millis(300);
-    let guarded = Guarded::start(Arc::new(Flaky { load_takes, ..Flaky::default() })).await;
+    let guarded =
+        Guarded::start(Arc::new(MemoryStore::with(Faults { load_takes, ..Faults::default() }))).await;
     let mut caller = guarded.caller().await;
     caller.create_study(creation("hall", study())).await.expect("created");
     let (status, answer) = guarded.post("/studies/hall/policy", "field=epsilon&value=0.5").await;

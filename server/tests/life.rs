@@ -6,7 +6,6 @@ use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::Duration;
 
-use common::flaky::Flaky;
 use common::{Client, START_MS, Server, create, done, report, suggest};
 use tokio_stream::StreamExt as _;
 use tonic::Code;
@@ -20,6 +19,7 @@ use treewright_proto::v1 as wire;
 use treewright_server::clock::ManualClock;
 use treewright_server::listeners::Listeners;
 use treewright_server::serve;
+use treewright_store::{Faults, MemoryStore};
 
 /// Rounds of one client: the names and configurations it gets.
 async fn rounds(client: &mut Client, count: u32) -> Vec<(String, Option<wire::Configuration>)> {
@@ -84,10 +84,10 @@ async fn an_open_trial_survives_a_restart() {
 }
 
 /// Serves until that ends by itself, with an error.
-async fn ends(listeners: impl Into<Listeners>, store: Flaky) {
+async fn ends(listeners: impl Into<Listeners>, faults: Faults) {
     let clock = Arc::new(ManualClock::at(START_MS));
     let (drain, never) = (Duration::from_millis(100), std::future::pending());
-    let served = serve::run(listeners, Arc::new(store) as _, clock as _, drain, never);
+    let served = serve::run(listeners, Arc::new(MemoryStore::with(faults)) as _, clock as _, drain, never);
     let served = tokio::time::timeout(Duration::from_secs(30), served).await.expect("it ends by itself");
     assert!(matches!(served, Err(serve::ServeError::Task)), "{served:?}");
 }
@@ -95,24 +95,24 @@ async fn ends(listeners: impl Into<Listeners>, store: Flaky) {
 #[tokio::test]
 async fn a_daemon_whose_writer_has_met_a_defect_ends_with_an_error() {
     let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.unwrap();
-    ends(listener, Flaky { broken: true.into(), failed: true, ..Flaky::default() }).await;
+    ends(listener, Faults { broken: true.into(), failed: true, ..Faults::default() }).await;
 }
 
 /// So ends a server whose last listener met a defect: an end without an error would not be started again.
 #[tokio::test]
 async fn a_daemon_that_nobody_can_reach_any_more_ends_with_an_error() {
-    ends(Listeners::default(), Flaky::default()).await;
+    ends(Listeners::default(), Faults::default()).await;
 }
 
 #[tokio::test]
 async fn nothing_is_acknowledged_that_could_not_be_stored() {
-    let store = Arc::new(Flaky::default());
+    let store = Arc::new(MemoryStore::new());
     let server = Server::with(Arc::clone(&store) as _, START_MS).await;
     let mut client = server.client().await;
     create(&mut client, "hall").await;
     let held = suggest(&mut client, "a", 10.0).await;
 
-    store.broken.store(true, Ordering::SeqCst);
+    store.faults.broken.store(true, Ordering::SeqCst);
     let status = client.report(report(&held.name, 4.0)).await.unwrap_err();
     assert_eq!(status.code(), Code::Unavailable);
     assert!(status.message().contains("disk is full"), "{status}");
@@ -120,7 +120,7 @@ async fn nothing_is_acknowledged_that_could_not_be_stored() {
     assert_eq!(status.code(), Code::Unavailable);
 
     // With the disk back, the tuner equals the store: the report is new, the number is free.
-    store.broken.store(false, Ordering::SeqCst);
+    store.faults.broken.store(false, Ordering::SeqCst);
     assert!(!done(&mut client, &held.name, 4.0).await.duplicate);
     let next = suggest(&mut client, "b", 10.0).await;
     assert_eq!(next.name, "studies/hall/trials/2");

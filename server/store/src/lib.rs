@@ -33,7 +33,7 @@ pub mod tokens;
 
 pub use error::{OpenError, StoreError};
 pub use fence::{Fence, Receipt};
-pub use memory::MemoryStore;
+pub use memory::{Faults, MemoryStore};
 #[cfg(feature = "postgres")]
 pub use postgres::{PostgresAddress, PostgresStore, PostgresTokens};
 pub use sqlite::{SqliteStore, SqliteTokens};

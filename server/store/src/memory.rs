@@ -2,7 +2,9 @@
 
 use std::collections::BTreeMap;
 use std::hash::{BuildHasher as _, Hasher as _, RandomState};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
 
 use async_trait::async_trait;
 use treewright_core::ids::StudyUid;
@@ -22,6 +24,21 @@ use crate::store::{ClosedTrial, Created, Loaded, Store, StudyRecord, StudyWrite,
 #[derive(Debug, Default)]
 pub struct MemoryStore {
     inner: Mutex<MemoryTables>,
+    /// What goes wrong.
+    pub faults: Faults,
+}
+
+/// Troubles of a [`MemoryStore`], as a test wants them.
+#[derive(Debug, Default)]
+pub struct Faults {
+    /// Nothing can be written.
+    pub broken: AtomicBool,
+    /// Somebody deletes each study as soon as it was read.
+    pub fleeting: bool,
+    /// Its writer met a defect.
+    pub failed: bool,
+    /// How long it takes to read a study into memory.
+    pub load_takes: Duration,
 }
 
 #[derive(Debug, Default)]
@@ -57,6 +74,12 @@ impl MemoryStore {
     #[must_use]
     pub fn new() -> Self {
         Self::default()
+    }
+
+    /// An empty store with faults.
+    #[must_use]
+    pub fn with(faults: Faults) -> Self {
+        Self { faults, ..Self::default() }
     }
 
     /// A poisoned lock is usable: each write is checked before it is done, so a panic leaves whole values
@@ -249,7 +272,12 @@ impl Store for MemoryStore {
     }
 
     async fn get_study(&self, study: &str) -> Result<StudyRecord, StoreError> {
-        Ok(self.lock()?.study(study)?.record(study))
+        let mut inner = self.lock()?;
+        let found = inner.study(study)?.record(study);
+        if self.faults.fleeting {
+            inner.take(study)?;
+        }
+        Ok(found)
     }
 
     async fn list_studies(&self, after: Option<&str>, size: u32) -> Result<Vec<StudyRecord>, StoreError> {
@@ -298,6 +326,9 @@ impl Store for MemoryStore {
     }
 
     async fn load(&self, study: &str) -> Result<Loaded, StoreError> {
+        if !self.faults.load_takes.is_zero() {
+            tokio::time::sleep(self.faults.load_takes).await;
+        }
         let mut inner = self.lock()?;
         let found = inner.studies.get_mut(study).ok_or_else(|| study_not_found(study))?;
         let fence = Fence::new(study, found.key);
@@ -328,6 +359,9 @@ impl Store for MemoryStore {
     }
 
     fn queue(&self, fence: &Fence, write: StudyWrite<'_>) -> Receipt {
+        if matches!(write, StudyWrite::Commit(_)) && self.faults.broken.load(Ordering::SeqCst) {
+            return Receipt::refused(fence, StoreError::Unavailable("database or disk is full".to_owned()));
+        }
         match self.lock().and_then(|mut inner| inner.fenced(fence)?.write(fence.study(), write)) {
             Ok(()) => Receipt::settled(Ok(())),
             Err(error) => Receipt::refused(fence, error),
@@ -434,6 +468,10 @@ impl Store for MemoryStore {
             .filter(|(_, study)| study.trials.values().any(due))
             .map(|(id, _)| id.clone())
             .collect())
+    }
+
+    fn has_failed(&self) -> bool {
+        self.faults.failed
     }
 
     async fn close(&self) {

@@ -1,8 +1,6 @@
 //! A server in this process, over a real socket, with a clock that stands still until it is moved.
 #![allow(dead_code)] // Each test file uses its own part.
 
-pub(crate) mod flaky;
-
 use std::collections::BTreeMap;
 use std::net::SocketAddr;
 use std::path::Path;
