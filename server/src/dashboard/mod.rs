@@ -37,6 +37,7 @@ use crate::connections::ConnectionSlot;
 use crate::connections::pages::Pages;
 use crate::error::Error;
 use crate::refusals::Refusals;
+use crate::rpc::Call;
 use crate::tuning::Tuning;
 use crate::{limits, rpc, status};
 use pages::{PageFrame, StudyIndex};
@@ -70,6 +71,12 @@ pub(super) struct Visitor<'a> {
     tuning: &'a Tuning,
     caller: &'a Caller,
     frame: PageFrame,
+}
+
+impl<'a> Visitor<'a> {
+    fn call(&self) -> Call<'a> {
+        Call { tuning: self.tuning, caller: self.caller }
+    }
 }
 
 impl Dashboard {
@@ -273,14 +280,14 @@ impl Dashboard {
         study: Option<&str>,
     ) -> Result<(Vec<Option<v1::StudyStatistics>>, u64), Error> {
         caller.may(Scope::Read)?;
+        let call = Call { tuning: &self.tuning, caller };
         Ok(match study {
             Some(id) => {
                 let request = v1::GetStudyRequest { name: format!("studies/{id}") };
-                (vec![rpc::studies::get(&self.tuning, caller, request).await?.statistics], 0)
+                (vec![rpc::studies::get(call, request).await?.statistics], 0)
             }
             None => {
-                let answer =
-                    rpc::studies::list(&self.tuning, caller, v1::ListStudiesRequest::default()).await?;
+                let answer = rpc::studies::list(call, v1::ListStudiesRequest::default()).await?;
                 let counts = answer.studies.into_iter().map(|study| study.statistics);
                 (counts.collect(), self.index.changes())
             }

@@ -112,7 +112,7 @@ pub(super) fn id(name: &str) -> &str {
 /// read by the id that the study has by now.
 async fn head(visitor: &Visitor<'_>, asked: &str, tab: &'static str) -> Result<(Head, v1::Study), Error> {
     let request = v1::GetStudyRequest { name: format!("studies/{asked}") };
-    let study = rpc::studies::get(visitor.tuning, visitor.caller, request).await?;
+    let study = rpc::studies::get(visitor.call(), request).await?;
     let counts = study.statistics.unwrap_or_default();
     let id = self::id(&study.name);
     let spec = visitor.tuning.get_study(id).await?.spec;
@@ -192,7 +192,7 @@ async fn read_all(
     let mut found = Vec::new();
     while found.len() < most {
         request.page_size = i32::try_from(most - found.len()).unwrap_or(i32::MAX).min(1000);
-        let page = rpc::trials::query(visitor.tuning, visitor.caller, request.clone()).await?;
+        let page = rpc::trials::query(visitor.call(), request.clone()).await?;
         found.extend(page.trials);
         request.page_token = page.next_page_token;
         if request.page_token.is_empty() {

@@ -48,15 +48,14 @@ impl FormRequest {
 
     /// Sends it as its RPC, and returns the page that shows the change.
     async fn send(&self, visitor: &Visitor<'_>) -> Result<String, Error> {
-        let Visitor { tuning, caller, .. } = visitor;
         match self {
             Self::Study(request, page) => {
                 let study =
-                    rpc::studies::update(tuning, caller, v1::UpdateStudyRequest::clone(request)).await?;
+                    rpc::studies::update(visitor.call(), v1::UpdateStudyRequest::clone(request)).await?;
                 Ok(format!("/studies/{}{page}", pages::id(&study.name)))
             }
             Self::Exclusion(request) => {
-                let trial = rpc::trials::exclude(tuning, caller, request.clone()).await?;
+                let trial = rpc::trials::exclude(visitor.call(), request.clone()).await?;
                 Ok(format!("/{}", trial.name))
             }
         }
@@ -158,7 +157,7 @@ fn policy_change(
 async fn texts(visitor: &Visitor<'_>, study: &str, form: &Query) -> Result<FormChange, Error> {
     let name = format!("studies/{study}");
     let request = v1::GetStudyRequest { name: name.clone() };
-    let stored = rpc::studies::get(visitor.tuning, visitor.caller, request).await?;
+    let stored = rpc::studies::get(visitor.call(), request).await?;
     let changed = |text| Error::TextChanged { study: pages::id(&stored.name).to_owned(), text };
     // Browsers end lines in this way.
     let note = |field: &str| form.given(field).map(|text| text.replace("\r\n", "\n"));
@@ -215,7 +214,7 @@ fn exclusion(study: &str, number: &str, reason: Option<String>) -> FormChange {
 /// those of the study that the form names.
 async fn pin(visitor: &Visitor<'_>, study: &str, number: &str) -> Result<FormChange, Error> {
     let request = v1::GetTrialRequest { name: format!("studies/{study}/trials/{number}") };
-    let trial = rpc::trials::get(visitor.tuning, visitor.caller, request).await?;
+    let trial = rpc::trials::get(visitor.call(), request).await?;
     let mut words = Vec::new();
     for (name, value) in trial.configuration.iter().flat_map(|configuration| &configuration.values) {
         let value = value_from_wire("configuration", value.clone())?;

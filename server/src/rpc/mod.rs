@@ -71,7 +71,7 @@ impl Service {
     async fn answer<Q: Message, T>(
         &self,
         request: Request<Q>,
-        work: impl AsyncFnOnce(&Tuning, &Caller, Q) -> Result<T, Error>,
+        work: impl AsyncFnOnce(Call<'_>, Q) -> Result<T, Error>,
     ) -> Result<Response<T>, Status> {
         let answer = async {
             let caller = self.caller(&request)?;
@@ -82,7 +82,7 @@ impl Service {
                 caller.spend_request(request.encoded_len())?;
             }
             let _entered = self.admission.request()?;
-            work(&self.tuning, &caller, request).await
+            work(Call { tuning: &self.tuning, caller: &caller }, request).await
         };
         match answer.await {
             Ok(answer) => Ok(Response::new(answer)),
@@ -119,6 +119,13 @@ impl Service {
             }
         }
     }
+}
+
+/// The use cases, and who calls them.
+#[derive(Clone, Copy)]
+pub(crate) struct Call<'a> {
+    pub(crate) tuning: &'a Tuning,
+    pub(crate) caller: &'a Caller,
 }
 
 /// Implements the service: which function does the work of which method.

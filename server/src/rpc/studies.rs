@@ -6,26 +6,20 @@ use treewright_proto::v1 as wire;
 use treewright_store::limits::PAGE_SIZE_DEFAULT;
 use treewright_store::{StoreError, StudyRecord, cursor};
 
-use super::reach;
-use crate::access::caller::Caller;
+use super::{Call, reach};
 use crate::convert::from_proto::{self, required};
 use crate::convert::policy_differences::policy_differences;
 use crate::convert::study_update::StudyUpdate;
 use crate::convert::{names, to_proto};
 use crate::error::Error;
 use crate::limits::PAGE_BYTES;
-use crate::tuning::Tuning;
 
 /// The question that a page token of ListStudies belongs to.
 const LIST_QUESTION: [&str; 1] = ["studies"];
 
-pub(super) async fn create(
-    tuning: &Tuning,
-    caller: &Caller,
-    request: wire::CreateStudyRequest,
-) -> Result<wire::Study, Error> {
+pub(super) async fn create(call: Call<'_>, request: wire::CreateStudyRequest) -> Result<wire::Study, Error> {
     let id = names::study_id("study_id", &request.study_id)?;
-    caller.reach(&id)?;
+    call.caller.reach(&id)?;
     let study = request.study.ok_or_else(|| required("study"))?;
     let given = study.policy.clone().unwrap_or_default();
     let spec = from_proto::study(study)?;
@@ -36,19 +30,19 @@ pub(super) async fn create(
         space_revision,
         ..to_proto::study(stored)
     };
-    let spent = match caller.spend_study() {
+    let spent = match call.caller.spend_study() {
         Ok(spent) => spent,
         // A caller that may create no more may still find an existing study. Nothing is created here, not
         // even where the study vanishes meanwhile.
         Err(over) => {
-            let Ok(stored) = tuning.get_study(&id).await else { return Err(over) };
+            let Ok(stored) = call.tuning.get_study(&id).await else { return Err(over) };
             return match stored.revision_of(&spec) {
                 Ok(revision) => Ok(answer(&stored, revision)),
                 Err(difference) => Err(StoreError::StudyExists { study: id, difference }.into()),
             };
         }
     };
-    let created = tuning.create_study(&id, &spec).await?;
+    let created = call.tuning.create_study(&id, &spec).await?;
     if created.is_new {
         spent.keep();
     }
@@ -56,20 +50,15 @@ pub(super) async fn create(
     Ok(answer(&created.study, revision.unwrap_or_else(|_| created.study.earlier.revision())))
 }
 
-pub(crate) async fn get(
-    tuning: &Tuning,
-    caller: &Caller,
-    request: wire::GetStudyRequest,
-) -> Result<wire::Study, Error> {
-    let name = reach::study(tuning, caller, "name", &request.name).await?;
-    let found = tuning.get_study(&name.id).await?;
-    tuning.is_still(&name).await?;
+pub(crate) async fn get(call: Call<'_>, request: wire::GetStudyRequest) -> Result<wire::Study, Error> {
+    let name = reach::study(call, "name", &request.name).await?;
+    let found = call.tuning.get_study(&name.id).await?;
+    call.tuning.is_still(&name).await?;
     Ok(to_proto::study(&found))
 }
 
 pub(crate) async fn list(
-    tuning: &Tuning,
-    caller: &Caller,
+    call: Call<'_>,
     request: wire::ListStudiesRequest,
 ) -> Result<wire::ListStudiesResponse, Error> {
     let size = from_proto::page_size(request.page_size)?;
@@ -80,7 +69,7 @@ pub(crate) async fn list(
         }
     };
     // One study more than fits shows whether another page follows.
-    let records = visible(tuning, caller, after, size + 1).await?;
+    let records = visible(call, after, size + 1).await?;
     assert!(records.len() <= size as usize + 1, "{} studies for a page of {size}", records.len());
     let mut studies = Vec::new();
     let mut bytes = 0;
@@ -104,21 +93,16 @@ pub(crate) async fn list(
 }
 
 /// The next studies that the caller may know of.
-async fn visible(
-    tuning: &Tuning,
-    caller: &Caller,
-    mut after: Option<String>,
-    size: u32,
-) -> Result<Vec<StudyRecord>, Error> {
+async fn visible(call: Call<'_>, mut after: Option<String>, size: u32) -> Result<Vec<StudyRecord>, Error> {
     let mut found = Vec::new();
     // Where most are hidden, small pages would mean many.
-    let page = if caller.is_limited() { size.max(PAGE_SIZE_DEFAULT) } else { size };
+    let page = if call.caller.is_limited() { size.max(PAGE_SIZE_DEFAULT) } else { size };
     loop {
-        let records = tuning.list_studies(after.as_deref(), page).await?;
+        let records = call.tuning.list_studies(after.as_deref(), page).await?;
         let last_page = records.len() < page as usize;
         let before = std::mem::replace(&mut after, records.last().map(|record| record.id.clone()));
         assert!(after.is_none() || after > before, "these studies come again and again");
-        found.extend(records.into_iter().filter(|record| caller.sees(&record.id)));
+        found.extend(records.into_iter().filter(|record| call.caller.sees(&record.id)));
         if last_page || found.len() >= size as usize {
             found.truncate(size as usize);
             return Ok(found);
@@ -126,36 +110,27 @@ async fn visible(
     }
 }
 
-pub(crate) async fn update(
-    tuning: &Tuning,
-    caller: &Caller,
-    request: wire::UpdateStudyRequest,
-) -> Result<wire::Study, Error> {
+pub(crate) async fn update(call: Call<'_>, request: wire::UpdateStudyRequest) -> Result<wire::Study, Error> {
     let study = request.study.ok_or_else(|| required("study"))?;
-    let name = reach::study(tuning, caller, "study.name", &study.name).await?;
+    let name = reach::study(call, "study.name", &study.name).await?;
     let update = StudyUpdate::read(study, request.update_mask)?;
-    let record = tuning.update_study(&name, &update).await?;
+    let record = call.tuning.update_study(&name, &update).await?;
     Ok(to_proto::study(&record))
 }
 
-pub(super) async fn rename(
-    tuning: &Tuning,
-    caller: &Caller,
-    request: wire::RenameStudyRequest,
-) -> Result<wire::Study, Error> {
-    let name = reach::study(tuning, caller, "name", &request.name).await?;
+pub(super) async fn rename(call: Call<'_>, request: wire::RenameStudyRequest) -> Result<wire::Study, Error> {
+    let name = reach::study(call, "name", &request.name).await?;
     let to = names::study_id("study_id", &request.study_id)?;
-    caller.reach(&to)?;
-    Ok(to_proto::study(&tuning.rename_study(&name, &to).await?))
+    call.caller.reach(&to)?;
+    Ok(to_proto::study(&call.tuning.rename_study(&name, &to).await?))
 }
 
 pub(super) async fn change_space(
-    tuning: &Tuning,
-    caller: &Caller,
+    call: Call<'_>,
     request: wire::ChangeSpaceRequest,
 ) -> Result<wire::ChangeSpaceResponse, Error> {
-    let name = reach::study(tuning, caller, "name", &request.name).await?;
-    let (record, effect) = tuning.change_space(&name, &from_proto::space_change(request)?).await?;
+    let name = reach::study(call, "name", &request.name).await?;
+    let (record, effect) = call.tuning.change_space(&name, &from_proto::space_change(request)?).await?;
     Ok(wire::ChangeSpaceResponse {
         study: Some(to_proto::study(&record)),
         kept_trials: signed(effect.kept),
@@ -164,11 +139,7 @@ pub(super) async fn change_space(
     })
 }
 
-pub(super) async fn delete(
-    tuning: &Tuning,
-    caller: &Caller,
-    request: wire::DeleteStudyRequest,
-) -> Result<(), Error> {
-    let name = reach::study(tuning, caller, "name", &request.name).await?;
-    tuning.delete_study(&name).await
+pub(super) async fn delete(call: Call<'_>, request: wire::DeleteStudyRequest) -> Result<(), Error> {
+    let name = reach::study(call, "name", &request.name).await?;
+    call.tuning.delete_study(&name).await
 }

@@ -8,39 +8,33 @@ use treewright_store::filter::{Filter, Order};
 use treewright_store::limits::PAGE_SIZE;
 use treewright_store::{StudyRecord, TrialQuery};
 
-use super::reach;
-use crate::access::caller::Caller;
+use super::{Call, reach};
 use crate::convert::names::StudyName;
 use crate::convert::{from_proto, to_proto};
 use crate::error::Error;
 use crate::limits::PAGE_BYTES;
-use crate::tuning::{Reported, Tuning};
+use crate::tuning::Reported;
 
-pub(super) async fn suggest(
-    tuning: &Tuning,
-    caller: &Caller,
-    request: wire::SuggestRequest,
-) -> Result<wire::Trial, Error> {
+pub(super) async fn suggest(call: Call<'_>, request: wire::SuggestRequest) -> Result<wire::Trial, Error> {
     let reports_waiting = request.reports_waiting;
     let mut suggest = from_proto::suggest(request)?;
-    suggest.study = reach::find(tuning, caller, suggest.study).await?;
-    let spent = caller.spend_trial()?;
+    suggest.study = reach::find(call, suggest.study).await?;
+    let spent = call.caller.spend_trial()?;
     let study = suggest.study.clone();
-    let trial = tuning.suggest(suggest).await?;
-    tuning.metrics().outbox_reported(reports_waiting);
+    let trial = call.tuning.suggest(suggest).await?;
+    call.tuning.metrics().outbox_reported(reports_waiting);
     spent.keep();
     Ok(to_proto::trial(&study, &trial))
 }
 
 pub(super) async fn report(
-    tuning: &Tuning,
-    caller: &Caller,
+    call: Call<'_>,
     request: wire::ReportRequest,
 ) -> Result<wire::ReportResponse, Error> {
     let mut report = from_proto::report(request)?;
-    report.trial.study = reach::find(tuning, caller, report.trial.study).await?;
+    report.trial.study = reach::find(call, report.trial.study).await?;
     let study = report.trial.study.clone();
-    Ok(reported(&study, &tuning.report(report).await?))
+    Ok(reported(&study, &call.tuning.report(report).await?))
 }
 
 pub(super) fn reported(study: &StudyName, reported: &Reported) -> wire::ReportResponse {
@@ -52,69 +46,60 @@ pub(super) fn reported(study: &StudyName, reported: &Reported) -> wire::ReportRe
 }
 
 pub(crate) async fn predict(
-    tuning: &Tuning,
-    caller: &Caller,
+    call: Call<'_>,
     request: wire::PredictRequest,
 ) -> Result<wire::PredictResponse, Error> {
-    let study = reach::study(tuning, caller, "study", &request.study).await?;
+    let study = reach::study(call, "study", &request.study).await?;
     let fingerprint = request.fingerprint.map(fingerprint_from_wire).transpose()?;
     let (indicators, revision) = (&request.indicators, request.space_revision);
     let (fingerprint, start) = (fingerprint.as_ref(), from_proto::start(request.start)?);
-    let prediction = tuning.predict(&study, indicators, fingerprint, start.as_ref(), revision).await?;
+    let prediction = call.tuning.predict(&study, indicators, fingerprint, start.as_ref(), revision).await?;
     Ok(to_proto::prediction(&prediction))
 }
 
 pub(super) async fn abandon(
-    tuning: &Tuning,
-    caller: &Caller,
+    call: Call<'_>,
     request: wire::AbandonTrialRequest,
 ) -> Result<wire::Trial, Error> {
-    let name = reach::trial(tuning, caller, "trial", &request.trial).await?;
-    Ok(to_proto::trial(&name.study, &tuning.abandon(&name).await?))
+    let name = reach::trial(call, "trial", &request.trial).await?;
+    Ok(to_proto::trial(&name.study, &call.tuning.abandon(&name).await?))
 }
 
 pub(super) async fn extend_lease(
-    tuning: &Tuning,
-    caller: &Caller,
+    call: Call<'_>,
     request: wire::ExtendLeaseRequest,
 ) -> Result<wire::Trial, Error> {
-    let name = reach::trial(tuning, caller, "trial", &request.trial).await?;
-    let trial = tuning.extend_lease(&name).await?;
+    let name = reach::trial(call, "trial", &request.trial).await?;
+    let trial = call.tuning.extend_lease(&name).await?;
     Ok(to_proto::trial(&name.study, &trial))
 }
 
 pub(crate) async fn exclude(
-    tuning: &Tuning,
-    caller: &Caller,
+    call: Call<'_>,
     request: wire::ExcludeTrialRequest,
 ) -> Result<wire::Trial, Error> {
-    let name = reach::trial(tuning, caller, "trial", &request.trial).await?;
+    let name = reach::trial(call, "trial", &request.trial).await?;
     let reason = from_proto::exclusion(&request)?;
-    let trial = tuning.exclude_trial(&name, reason).await?;
+    let trial = call.tuning.exclude_trial(&name, reason).await?;
     Ok(to_proto::trial(&name.study, &trial))
 }
 
-pub(crate) async fn get(
-    tuning: &Tuning,
-    caller: &Caller,
-    request: wire::GetTrialRequest,
-) -> Result<wire::Trial, Error> {
-    let name = reach::trial(tuning, caller, "name", &request.name).await?;
-    let trial = tuning.get_trial(&name).await?;
+pub(crate) async fn get(call: Call<'_>, request: wire::GetTrialRequest) -> Result<wire::Trial, Error> {
+    let name = reach::trial(call, "name", &request.name).await?;
+    let trial = call.tuning.get_trial(&name).await?;
     Ok(to_proto::trial(&name.study, &trial))
 }
 
 pub(crate) async fn query(
-    tuning: &Tuning,
-    caller: &Caller,
+    call: Call<'_>,
     request: wire::QueryTrialsRequest,
 ) -> Result<wire::QueryTrialsResponse, Error> {
-    let study = reach::study(tuning, caller, "study", &request.study).await?;
+    let study = reach::study(call, "study", &request.study).await?;
     let filter = Filter::parse(&request.filter).map_err(|error| Error::invalid("filter", error))?;
     let order = Order::parse(&request.order_by).map_err(|error| Error::invalid("order_by", error))?;
     let mut present = None;
     if filter.has_names() || request.in_present_space {
-        let StudyRecord { spec, earlier, .. } = tuning.get_study(&study.id).await?;
+        let StudyRecord { spec, earlier, .. } = call.tuning.get_study(&study.id).await?;
         let named = filter.check_names(&request.filter, &spec, &earlier);
         named.map_err(|error| Error::invalid("filter", error))?;
         present = request.in_present_space.then_some((spec.space, earlier));
@@ -124,7 +109,7 @@ pub(crate) async fn query(
         Cursor::parse(&request.page_token, &question).map_err(|error| Error::invalid("page_token", error))?;
     let query = TrialQuery { filter, order, after, size: from_proto::page_size(request.page_size)? };
     assert!((1..=PAGE_SIZE).contains(&query.size), "a page of {}", query.size);
-    let page = tuning.query_trials(&study, &query).await?;
+    let page = call.tuning.query_trials(&study, &query).await?;
 
     let mut next = page.next;
     let mut trials = Vec::with_capacity(page.trials.len());
@@ -154,16 +139,12 @@ pub(crate) async fn query(
     })
 }
 
-pub(crate) async fn best(
-    tuning: &Tuning,
-    caller: &Caller,
-    request: wire::GetBestRequest,
-) -> Result<wire::Best, Error> {
-    let study = reach::study(tuning, caller, "study", &request.study).await?;
+pub(crate) async fn best(call: Call<'_>, request: wire::GetBestRequest) -> Result<wire::Best, Error> {
+    let study = reach::study(call, "study", &request.study).await?;
     let indicators = Some(&request.indicators).filter(|given| !given.is_empty());
     let fingerprint = request.fingerprint.map(fingerprint_from_wire).transpose()?;
     let (fingerprint, revision) = (fingerprint.as_ref(), request.space_revision);
     let start = from_proto::start(request.start)?;
-    let (best, is_best) = tuning.best(&study, indicators, fingerprint, start.as_ref(), revision).await?;
+    let (best, is_best) = call.tuning.best(&study, indicators, fingerprint, start.as_ref(), revision).await?;
     Ok(to_proto::best(&study, &best, is_best))
 }

@@ -13,7 +13,7 @@ use treewright_proto::v1 as wire;
 use treewright_store::tokens::Scope;
 
 use super::frames::{Attempt, FrameRouter};
-use super::{reach, trials};
+use super::{Call, reach, trials};
 use crate::access::caller::{Caller, Spent};
 use crate::admission::{Admission, Admitted};
 use crate::connections::UnderWay;
@@ -105,15 +105,19 @@ impl TuneStream {
         }
     }
 
+    fn call(&self) -> Call<'_> {
+        Call { tuning: &self.tuning, caller: &self.caller }
+    }
+
     async fn report(&self, report: wire::ReportRequest) -> Result<Report, Error> {
         let mut report = from_proto::report(report)?;
-        report.trial.study = reach::find(&self.tuning, &self.caller, report.trial.study).await?;
+        report.trial.study = reach::find(self.call(), report.trial.study).await?;
         Ok(report)
     }
 
     async fn suggest(&self, suggest: wire::SuggestRequest) -> Result<(Suggest, Spent<'_>), Error> {
         let mut suggest = from_proto::suggest(suggest)?;
-        suggest.study = reach::find(&self.tuning, &self.caller, suggest.study).await?;
+        suggest.study = reach::find(self.call(), suggest.study).await?;
         Ok((suggest, self.caller.spend_trial()?))
     }
 

@@ -62,7 +62,7 @@ async fn read_best(
 ) -> Result<(Option<v1::Best>, Option<String>), Error> {
     let mut waits = 0;
     loop {
-        match rpc::trials::best(visitor.tuning, visitor.caller, request.clone()).await {
+        match rpc::trials::best(visitor.call(), request.clone()).await {
             Ok(best) => return Ok((Some(best), None)),
             Err(Error::NothingMeasured { .. }) => return Ok((None, None)),
             Err(Error::Store(StoreError::Elsewhere { address, .. })) => return Ok((None, Some(address))),
@@ -82,7 +82,7 @@ pub(super) async fn roofline(visitor: &Visitor<'_>, id: &str, of: &StateStands) 
         space_revision: 0,
         start: None,
     };
-    let prediction = rpc::trials::predict(visitor.tuning, visitor.caller, request).await.ok()?;
+    let prediction = rpc::trials::predict(visitor.call(), request).await.ok()?;
     let expected = prediction.state.and_then(|state| state.expected_gain).unwrap_or(0.0);
     Some(of.standing?.cost * (1.0 - expected.clamp(0.0, 1.0)))
 }

@@ -233,7 +233,7 @@ async fn read_studies(visitor: &Visitor<'_>) -> Result<(Vec<v1::Study>, bool), E
     let mut page_token = String::new();
     loop {
         let request = v1::ListStudiesRequest { page_size: STUDIES, page_token };
-        let answer = rpc::studies::list(visitor.tuning, visitor.caller, request).await?;
+        let answer = rpc::studies::list(visitor.call(), request).await?;
         studies.extend(answer.studies);
         page_token = answer.next_page_token;
         if page_token.is_empty() || studies.len() >= DASHBOARD_STUDIES {

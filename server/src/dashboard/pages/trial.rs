@@ -38,7 +38,7 @@ pub(in super::super) async fn trial(
     query.only(&[])?;
     let (head, study) = head(visitor, id, "trials").await?;
     let request = v1::GetTrialRequest { name: format!("studies/{}/trials/{number}", head.id) };
-    let trial = rpc::trials::get(visitor.tuning, visitor.caller, request).await?;
+    let trial = rpc::trials::get(visitor.call(), request).await?;
     let reason = trial.reason.clone().unwrap_or_default();
     let row = row(&trial, &head);
     let view = head.view.clone();

@@ -39,7 +39,7 @@ pub(in super::super) async fn trials(
         page_token: query.text("page"),
         in_present_space: false,
     };
-    let (page, problem) = match rpc::trials::query(visitor.tuning, visitor.caller, request).await {
+    let (page, problem) = match rpc::trials::query(visitor.call(), request).await {
         Ok(page) => (page, None),
         // A mistake in a filter is shown beside it.
         Err(error @ Error::Invalid { .. }) => (v1::QueryTrialsResponse::default(), Some(error.to_string())),
