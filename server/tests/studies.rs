@@ -2,9 +2,10 @@
 
 mod common;
 
-use common::{Server, assert_refused, create, creation, done, integer, study, suggest, text};
+use common::{Server, ask, assert_refused, create, creation, done, integer, study, suggest, text};
 use prost_types::FieldMask;
-use tonic::Code;
+use tonic::codec::CompressionEncoding;
+use tonic::{Code, Request};
 use treewright_proto::v1::{self as wire, parameter};
 
 #[tokio::test]
@@ -415,4 +416,33 @@ async fn who_names_a_study_by_its_identity_does_not_notice_that_it_is_renamed() 
     assert_refused(client.report(common::report(&under_new_name, 7.0)).await, Code::NotFound, "trial 2");
     let known = format!("{name}/2");
     client.report(common::report(&known, 7.0)).await.expect("its identity proves it");
+}
+
+/// A GetStudyRequest whose name need not be text.
+#[derive(Clone, PartialEq, prost::Message)]
+struct NameOfBytes {
+    #[prost(bytes = "vec", tag = "1")]
+    name: Vec<u8>,
+}
+
+#[tokio::test]
+async fn messages_that_cannot_be_read_are_the_clients_mistake() {
+    let server = Server::in_memory().await;
+    let mut client = tonic::client::Grpc::new(server.channel().await);
+    client.ready().await.expect("ready");
+    let path = http::uri::PathAndQuery::from_static("/treewright.v1.TuningService/GetStudy");
+    let codec = tonic_prost::ProstCodec::<NameOfBytes, wire::Study>::default();
+    let sent = client.unary(Request::new(NameOfBytes { name: vec![0xff] }), path, codec).await;
+    assert_refused(sent, Code::InvalidArgument, "cannot be read");
+    server.stop().await;
+}
+
+#[tokio::test]
+async fn compressed_requests_are_taken() {
+    let server = Server::in_memory().await;
+    let mut client = server.client().await.send_compressed(CompressionEncoding::Gzip);
+    create(&mut client, "hall").await;
+    let answer = client.suggest(ask("one", 5.0)).await;
+    answer.expect("a trial");
+    server.stop().await;
 }

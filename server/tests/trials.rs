@@ -1,11 +1,14 @@
-//! Trials over the wire: suggest, report, predict, query, and each error that the contract names.
+//! Trials over the wire: suggest, report, predict, query, exclude, and each error that the contract names.
 
 mod common;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
-use common::{Server, ask, assert_refused, create, done, get, report, suggest, triangles};
+use common::{
+    Client, START_MS, Server, ask, assert_refused, configuration, create, done, get, report, suggest,
+    triangles,
+};
 use tonic::Code;
 use treewright_core::tuner::{Ask, Change, Tuner};
 use treewright_proto::v1::{self as wire, outcome};
@@ -23,7 +26,7 @@ async fn a_trial_goes_out_and_comes_back() {
     assert_eq!(trial.fingerprint, ask("a", 10.0).fingerprint);
     assert!(!trial.reason.as_ref().unwrap().summary.is_empty());
     let expire = trial.lease_expire_time.unwrap();
-    assert_eq!(expire.seconds, common::START_MS / 1000 + 60);
+    assert_eq!(expire.seconds, START_MS / 1000 + 60);
 
     server.clock.advance_ms(1234);
     let answer = done(&mut client, &trial.name, 12.5).await;
@@ -35,7 +38,7 @@ async fn a_trial_goes_out_and_comes_back() {
     assert_eq!(stored.outcome, common::ok());
     assert!(!stored.late);
     let complete = stored.complete_time.unwrap();
-    assert_eq!((complete.seconds, complete.nanos), (common::START_MS / 1000 + 1, 234_000_000));
+    assert_eq!((complete.seconds, complete.nanos), (START_MS / 1000 + 1, 234_000_000));
     assert_eq!(get(&mut client, &trial.name).await, stored);
 }
 
@@ -213,7 +216,7 @@ async fn predictions_and_the_best_rest_on_reports() {
 #[tokio::test]
 async fn a_client_begins_with_its_own_default() {
     let (_server, mut client) = Server::with_hall().await;
-    let start = Some(common::configuration(16, "high"));
+    let start = Some(configuration(16, "high"));
     let ask_from = |start| wire::SuggestRequest { start, ..ask("a", 10.0) };
     for frame in 0..4 {
         let trial = client.suggest(ask_from(start.clone())).await.unwrap().into_inner();
@@ -243,7 +246,7 @@ async fn a_client_begins_with_its_own_default() {
     let predicted = client.predict(predict(start.clone())).await.unwrap().into_inner();
     assert_eq!(predicted.configuration, start);
 
-    let outside = Some(common::configuration(99, "low"));
+    let outside = Some(configuration(99, "low"));
     assert_refused(client.suggest(ask_from(outside.clone())).await, Code::InvalidArgument, "start");
     assert_refused(client.predict(predict(outside.clone())).await, Code::InvalidArgument, "start");
     assert_refused(client.get_best(best(outside)).await, Code::InvalidArgument, "start");
@@ -259,7 +262,9 @@ async fn trials_are_queried_page_by_page() {
     suggest(&mut client, "a", 10.0).await;
     let mut request = wire::QueryTrialsRequest {
         study: "studies/hall".to_owned(),
-        filter: "state = COMPLETED AND measurement.render_ms >= 3 AND config.min_leaf <= 32".to_owned(),
+        filter: "state = COMPLETED AND measurement.render_ms >= 3 AND config.min_leaf <= 32 \
+                 AND indicator.triangles > 1"
+            .to_owned(),
         order_by: "cost desc".to_owned(),
         page_size: 3,
         ..wire::QueryTrialsRequest::default()
@@ -278,8 +283,13 @@ async fn trials_are_queried_page_by_page() {
     other.order_by = "cost".to_owned();
     assert_refused(client.query_trials(other).await, Code::InvalidArgument, "page_token");
     type Change = fn(&mut wire::QueryTrialsRequest);
-    let mistakes: [(Change, &str); 4] = [
+    let mistakes: [(Change, &str); 6] = [
         (|r| r.filter = "cost <".to_owned(), "filter: at character 7"),
+        (|r| r.filter = "config.leaf = 2".to_owned(), "at character 1: the study has no parameter \"leaf\""),
+        (
+            |r| r.filter = "cost > 1 AND indicator.size > 1".to_owned(),
+            "at character 14: the study has no indicator \"size\"",
+        ),
         (|r| r.order_by = "price".to_owned(), "order_by: at character 1"),
         (|r| r.page_size = -1, "page_size: -1"),
         (|r| r.study.clear(), "study: "),
@@ -298,7 +308,7 @@ async fn trials_are_queried_page_by_page() {
 async fn a_page_ends_before_its_message_grows_too_large() {
     const COUNT: u64 = 450;
     let store = Arc::new(MemoryStore::new());
-    let server = Server::with(Arc::clone(&store) as _, common::START_MS).await;
+    let server = Server::with(Arc::clone(&store) as _, START_MS).await;
     let mut client = server.client().await;
     create(&mut client, "hall").await;
     // Written behind the server's back, since no client can make trials this large so quickly.
@@ -308,7 +318,7 @@ async fn a_page_ends_before_its_message_grows_too_large() {
     for number in 0..COUNT {
         let ask =
             Ask { client_id: format!("client-{number}"), indicators: triangles(10.0), ..Ask::default() };
-        let (mut trial, mut more) = tuner.suggest(&ask, common::START_MS).unwrap();
+        let (mut trial, mut more) = tuner.suggest(&ask, START_MS).unwrap();
         trial.decision.said = Some("x".repeat(10_000));
         change.trials.push(trial);
         change.states.append(&mut more.states);
@@ -337,4 +347,89 @@ async fn a_page_ends_before_its_message_grows_too_large() {
         assert_eq!(sizes.iter().sum::<usize>() as u64, COUNT);
         assert_eq!(names.len() as u64, COUNT);
     }
+}
+
+/// A measured trial of the default configuration.
+async fn measured(client: &mut Client, ms: f64) -> wire::Trial {
+    let request = wire::SuggestRequest { wanted: Some(configuration(8, "low")), ..ask("a", 10.0) };
+    let trial = client.suggest(request).await.expect("a trial").into_inner();
+    done(client, &trial.name, ms).await;
+    trial
+}
+
+fn exclude(trial: &wire::Trial, reason: &str) -> wire::ExcludeTrialRequest {
+    let (trial, reason, include) = (trial.name.clone(), reason.to_owned(), reason.is_empty());
+    wire::ExcludeTrialRequest { trial, reason, include }
+}
+
+async fn best(client: &mut Client) -> wire::Best {
+    let request = wire::GetBestRequest {
+        study: "studies/hall".to_owned(),
+        indicators: triangles(10.0),
+        ..Default::default()
+    };
+    client.get_best(request).await.expect("something was measured").into_inner()
+}
+
+#[tokio::test]
+async fn no_answer_rests_on_what_is_excluded() {
+    let folder = tempfile::tempdir().expect("a scratch folder");
+    let path = folder.path().join("studies.db");
+    let server = Server::on_disk(&path, START_MS).await;
+    let mut client = server.client().await;
+    create(&mut client, "hall").await;
+    let good = measured(&mut client, 5.0).await;
+    let wrong = measured(&mut client, 7.0).await;
+    let both = best(&mut client).await;
+    assert_eq!((both.measurements, &both.trial), (2, &wrong.name));
+    let before = client.report(report(&wrong.name, 7.0)).await.expect("a duplicate").into_inner();
+
+    let request = exclude(&wrong, "the clock was wrong");
+    let excluded = client.exclude_trial(request.clone()).await.expect("excluded").into_inner();
+    assert_eq!(excluded.exclusion, "the clock was wrong");
+    let again = client.exclude_trial(request).await.expect("it is repeated").into_inner();
+    assert_eq!(again, excluded);
+    let one = best(&mut client).await;
+    assert_eq!((one.measurements, one.cost, &one.trial), (1, 5.0, &good.name));
+    let after = client.report(report(&wrong.name, 7.0)).await.expect("a duplicate").into_inner();
+    let unmarked = wire::Trial { exclusion: String::new(), ..after.trial.expect("it comes back") };
+    assert!(after.duplicate && before.trial == Some(unmarked));
+    let study = "studies/hall".to_owned();
+    let query =
+        wire::QueryTrialsRequest { study, filter: "excluded = true".to_owned(), ..Default::default() };
+    assert_eq!(client.query_trials(query).await.expect("a page").into_inner().trials, [excluded]);
+
+    client.exclude_trial(exclude(&wrong, "")).await.expect("included");
+    assert_eq!(best(&mut client).await.measurements, 2);
+    client.exclude_trial(exclude(&wrong, "the clock was wrong")).await.expect("excluded");
+    // The study goes on.
+    for _ in 0..5 {
+        let trial = client.suggest(ask("b", 10.0)).await.expect("a trial").into_inner();
+        done(&mut client, &trial.name, 9.0).await;
+    }
+
+    let before = best(&mut client).await;
+    server.stop().await;
+    let server = Server::on_disk(&path, START_MS).await;
+    let mut client = server.client().await;
+    assert_eq!(best(&mut client).await, before);
+    assert_eq!(get(&mut client, "studies/hall/trials/2").await.exclusion, "the clock was wrong");
+    server.stop().await;
+}
+
+#[tokio::test]
+async fn only_a_result_is_excluded_and_only_with_a_reason() {
+    let (server, mut client) = Server::with_hall().await;
+    let open = client.suggest(ask("a", 10.0)).await.expect("a trial").into_inner();
+    assert_refused(client.exclude_trial(exclude(&open, "?")).await, Code::FailedPrecondition, "completed");
+    done(&mut client, &open.name, 3.0).await;
+    let bare = wire::ExcludeTrialRequest { include: false, ..exclude(&open, "") };
+    assert_refused(client.exclude_trial(bare).await, Code::InvalidArgument, "reason");
+    let both = wire::ExcludeTrialRequest { include: true, ..exclude(&open, "why") };
+    assert_refused(client.exclude_trial(both).await, Code::InvalidArgument, "leave it out");
+    let long = exclude(&open, &"x".repeat(501));
+    assert_refused(client.exclude_trial(long).await, Code::InvalidArgument, "500");
+    let missing = wire::Trial { name: "studies/hall/trials/9".to_owned(), ..open };
+    assert_refused(client.exclude_trial(exclude(&missing, "?")).await, Code::NotFound, "9");
+    server.stop().await;
 }
