@@ -34,7 +34,6 @@ const LOCAL: &str = "local";
 
 /// Runs the command and returns the text to print.
 pub(crate) fn run(arguments: &Arguments) -> Result<String, Failure> {
-    let json = arguments.json;
     // These need no daemon.
     match &arguments.command {
         Command::Study(StudyCommand::Schema) => return either(true, &study_file::schema(), String::new),

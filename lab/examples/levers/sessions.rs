@@ -413,7 +413,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     if arguments.rounds < 2 || arguments.worlds.is_empty() {
         return Err("--lever sessions wants a world and two rounds at least".into());
     }
-    let premises = |builds_each_frame| Premises { builds_each_frame, instanced: false, ..Premises::all() };
+    let premises = |builds_each_frame| Premises { builds_each_frame, ..Premises::all() };
     let begins_cheap = Objective::Auto(1).begins_with_cheap_builds();
     let space = Arc::new(TuningSpace::new(Preset::Full, &premises(begins_cheap)));
     let (mut names, mut common) = (Vec::new(), Vec::new());

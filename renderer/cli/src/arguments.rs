@@ -1,6 +1,5 @@
 //! Groups of arguments that several commands share, and the scenes, cameras and structures made from them.
 
-use std::ops::RangeInclusive;
 use std::path::PathBuf;
 use std::str::FromStr;
 use std::sync::Arc;
@@ -12,7 +11,7 @@ use treewright_accel::{BuildChoice, NativeOptions, NativeQuality};
 use treewright_client::{Configuration, Indicators};
 
 use crate::error::CliError;
-use crate::names::one_of;
+use crate::names::{number_within, one_of};
 pub use crate::scene_arguments::SceneArguments;
 use treewright_renderer::frame::{Renderer, RendererError};
 use treewright_renderer::integrator::View;
@@ -416,16 +415,6 @@ fn native() -> impl TypedValueParser<Value = NativeQuality> {
         (NativeQuality::Medium, "medium", "Binned surface area heuristic: Embree's default"),
         (NativeQuality::High, "high", "With spatial splits: renders fast"),
     ])
-}
-
-/// A number of a range, which is told as `wanted` where it is none.
-pub(crate) fn number_within<T: FromStr + PartialOrd>(
-    text: &str,
-    range: RangeInclusive<T>,
-    wanted: &str,
-) -> Result<T, String> {
-    let number = text.parse::<T>().ok().filter(|number| range.contains(number));
-    number.ok_or_else(|| format!("it must be {wanted}"))
 }
 
 /// A number from 0 to 1.

@@ -1,4 +1,7 @@
-//! Values that are written by their names.
+//! Values that are written by their names, and numbers of a range.
+
+use std::ops::RangeInclusive;
+use std::str::FromStr;
 
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 
@@ -11,4 +14,14 @@ pub(crate) fn one_of<T: Copy + Send + Sync + 'static, const N: usize>(
         let named = values.iter().find(|(_, name, _)| *name == text);
         named.expect("clap passes on what is possible").0
     })
+}
+
+/// A number of a range, which the error calls `wanted`.
+pub(crate) fn number_within<T: FromStr + PartialOrd>(
+    text: &str,
+    range: RangeInclusive<T>,
+    wanted: &str,
+) -> Result<T, String> {
+    let number = text.parse::<T>().ok().filter(|number| range.contains(number));
+    number.ok_or_else(|| format!("it must be {wanted}"))
 }

@@ -8,9 +8,8 @@ use clap::builder::TypedValueParser;
 use treewright_scene::motion::{Motion, Mover};
 use treewright_scene::{Environment, Scene, Sky, Up, builtin, load_upright};
 
-use crate::arguments::number_within;
 use crate::error::CliError;
-use crate::names::one_of;
+use crate::names::{number_within, one_of};
 
 /// Prefix of the names of built-in scenes.
 const BUILTIN: &str = "builtin:";

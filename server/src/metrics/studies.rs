@@ -13,25 +13,25 @@ use super::study::{MODES, StudyFigures};
 use crate::limits::STUDIES_SHOWN;
 
 #[derive(Clone, Debug, Hash, PartialEq, Eq, EncodeLabelSet)]
-struct StudyLabel {
+pub(super) struct StudyLabel {
     study: String,
 }
 
 #[derive(Clone, Debug, Hash, PartialEq, Eq, EncodeLabelSet)]
-struct ModeLabel {
+pub(super) struct ModeLabel {
     study: String,
     mode: &'static str,
 }
 
 #[derive(Clone, Debug, Hash, PartialEq, Eq, EncodeLabelSet)]
-struct MaximisedLabel {
+pub(super) struct MaximisedLabel {
     study: String,
     mode: &'static str,
     metric: String,
 }
 
 #[derive(Clone, Debug, Hash, PartialEq, Eq, EncodeLabelSet)]
-struct PredictorLabel {
+pub(super) struct PredictorLabel {
     study: String,
     predictor: &'static str,
 }

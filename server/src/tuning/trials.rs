@@ -161,8 +161,8 @@ impl Tuning {
     }
 
     /// The best known configuration, in the state of the indicators or anywhere, for a client that knows a
-    /// revision of the space, 0 for the present one, and runs its start by default; and whether it is that, and not in place of one that the
-    /// client does not know. The trials behind it are stored.
+    /// revision of the space, 0 for the present one, and runs its start by default. Also whether it is that
+    /// one, and not another in place of one that the client does not know. The trials behind it are stored.
     pub async fn best(
         &self,
         study: &StudyName,
