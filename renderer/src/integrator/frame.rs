@@ -15,18 +15,19 @@ use super::vertex::{Kernel, Path, Shadow, Tracing};
 use crate::film::{Film, Tile};
 use crate::limits::{BOUNCES_MAX, FIRST_SHADOW_RAYS_MAX, SOLID_WAYS_MAX};
 
-/// Vertices that stand for further shadow rays of a first hit, beyond those of the longest path.
+/// Vertices that stand for further shadow rays of a first hit, beyond those of the longest path with its last
+/// ray.
 const FURTHER: u16 = 1 << 15;
 
 const _: () =
-    assert!((BOUNCES_MAX + 1) * (SOLID_WAYS_MAX + 2) < FURTHER as u32, "they share no random number");
+    assert!((BOUNCES_MAX + 2) * (SOLID_WAYS_MAX + 2) < FURTHER as u32, "they share no random number");
 
 /// The data that all tiles of a frame share.
 pub(super) struct Frame<'a> {
     pub(super) prepared: &'a Prepared,
     pub(super) kernel: Kernel,
     pub(super) tracing: Tracing,
-    pub(super) roulette: Roulette,
+    roulette: Roulette,
     /// Shadow rays of a first hit: at least 1.
     pub(super) first_shadow_rays: u16,
     lens: Lens,
@@ -44,7 +45,11 @@ impl<'a> Frame<'a> {
         Self {
             prepared,
             kernel: Kernel::of(needs),
-            tracing: Tracing { bounces: view.bounces, pixel_angle: lens.pixel_angle() },
+            tracing: Tracing {
+                bounces: view.bounces,
+                pixel_angle: lens.pixel_angle(),
+                last_rays: prepared.lights.has_lamps(),
+            },
             roulette: Roulette::new(how, prepared.learnt.brightness),
             first_shadow_rays: how.first_shadow_rays.clamp(1, FIRST_SHADOW_RAYS_MAX) as u16,
             lens,
@@ -105,6 +110,12 @@ impl<'a> Frame<'a> {
             shadow.light *= 1.0 / f32::from(self.first_shadow_rays);
         }
         self.roulette.keeps_shadow(random, vertex, shadow)
+    }
+
+    /// Decides whether a path goes on after a vertex; about a last ray that was decided there.
+    #[inline(always)]
+    pub(super) fn keeps_path(&self, vertex: u16, path: &mut Path) -> bool {
+        self.tracing.is_last_ray(path) || self.roulette.keeps_path(vertex, path)
     }
 
     /// Whether for rays of a stage, counted from the camera's as 0, it is enough to know that they meet

@@ -369,10 +369,14 @@ impl Lights {
         if fixed > 0.0 { share / fixed } else { 0.0 }
     }
 
-    /// The density of lamp samples from a position over [`Lights::lamp_density`].
+    /// The density of lamp samples from a position over [`Lights::lamp_density`]. After the `last` bounce the
+    /// sky has no share.
     #[inline(always)]
-    pub(super) fn lamp_factor(&self, position: Vec3) -> f32 {
-        self.learnt_shares(position).map_or(1.0, |[.., lamps]| self.lamp_factor_of(lamps))
+    pub(super) fn lamp_factor(&self, position: Vec3, last: bool) -> f32 {
+        match self.learnt_shares(position) {
+            Some([_, sun, lamps]) => self.lamp_factor_of(lamps) / if last { sun + lamps } else { 1.0 },
+            None => 1.0 / if last { 1.0 - self.environment_share } else { 1.0 },
+        }
     }
 
     /// Draws a direction towards any light but the sky.

@@ -136,6 +136,20 @@ fn stages_do_not_change_the_picture_and_packets_find_what_single_rays_find() {
 }
 
 #[test]
+fn stages_do_not_change_a_picture_without_a_bounce() {
+    let device = Device::open(0).expect("Embree is set up");
+    for scene in scenes() {
+        let structure = native(&device, &scene);
+        let prepared = Prepared::new(scene.clone());
+        let [by_path, staged] = [RenderOptions::default(), STAGED].map(|options| {
+            let render = Render { prepared: &prepared, options, needs: prepared.needs, bounces: 0 };
+            structure.visit(RenderOneByOne(render))
+        });
+        assert!(by_path == staged, "{}", scene.name);
+    }
+}
+
+#[test]
 fn rays_in_flight_do_not_change_the_picture() {
     let device = Device::open(0).expect("Embree is set up");
     for scene in scenes() {

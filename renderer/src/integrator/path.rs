@@ -26,12 +26,12 @@ pub(super) fn radiance<I: Intersector>(
             if intersector.occluded(&ray) {
                 counts.hits += 1;
             } else {
-                radiance += missed(prepared, &path, &ray);
+                radiance += missed(prepared, &frame.tracing, &path, &ray);
             }
             break;
         }
         let Some(hit) = intersector.closest(&ray) else {
-            radiance += missed(prepared, &path, &ray);
+            radiance += missed(prepared, &frame.tracing, &path, &ray);
             break;
         };
         counts.hits += 1;
@@ -48,7 +48,7 @@ pub(super) fn radiance<I: Intersector>(
                 radiance += shadow.light * through_sheets(prepared, intersector, shadow.ray, counts);
             }
         }
-        if !next.goes_on || !frame.roulette.keeps_path(vertex, &mut path) {
+        if !next.goes_on || !frame.keeps_path(vertex, &mut path) {
             break;
         }
     }

@@ -137,15 +137,16 @@ fn follow<I: Intersector>(
     let mut radiance = Vec3::ZERO;
     let mut shadow = Shadow::BLANK;
     loop {
+        let last_ray = frame.tracing.is_last_ray(&path);
         let Some(hit) = intersector.closest(&ray) else {
-            radiance += missed(prepared, &path, &ray);
-            if path.pdf > 0.0 {
+            radiance += missed(prepared, &frame.tracing, &path, &ray);
+            if path.pdf > 0.0 && !last_ray {
                 let sky = prepared.lights.environment_seen(ray.direction);
                 note(&mut notes.records, path.from, &ray, path.throughput * sky, Kind::Sky);
             }
             return radiance;
         };
-        if notes.places_wanted {
+        if notes.places_wanted && !last_ray {
             notes.places.extend(place(prepared, &ray, &hit));
         }
         let next =

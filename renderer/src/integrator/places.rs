@@ -14,6 +14,9 @@ const SOLIDS: u32 = 1 << 24;
 /// Beyond all vertices and solids.
 const ROULETTE: u32 = 1 << 25;
 
+/// Beyond all of those.
+const LAST_RAYS: u32 = 1 << 26;
+
 /// The first of the [`PER_VERTEX`] places of a vertex.
 #[inline(always)]
 pub(super) const fn of_vertex(vertex: u16) -> u32 {
@@ -32,6 +35,12 @@ pub(super) const fn of_roulette(vertex: u16) -> u32 {
     ROULETTE + vertex as u32
 }
 
+/// Whether a last ray leaves the vertex whose places begin at `place`.
+#[inline(always)]
+pub(super) const fn of_last_ray(place: u32) -> u32 {
+    LAST_RAYS + place
+}
+
 #[cfg(test)]
 mod tests {
     use std::collections::HashSet;
@@ -42,7 +51,8 @@ mod tests {
     fn no_two_decisions_share_a_place() {
         let of = |vertex: u16| {
             let first = of_vertex(vertex);
-            (first..first + PER_VERTEX).chain([of_solid(first), of_roulette(vertex)])
+            let others = [of_solid(first), of_roulette(vertex), of_last_ray(first)];
+            (first..first + PER_VERTEX).chain(others)
         };
         let mut seen = HashSet::from([CAMERA]);
         for vertex in 0..=u16::MAX {

@@ -11,7 +11,7 @@ use super::vertex::{DIRECT, Path, Tracing};
 use crate::limits::SHEETS_PER_SEGMENT_MAX;
 
 /// Sheets on the way of a shadow ray are looked up as they are: no ray is thinner.
-const SHADOW: Tracing = Tracing { bounces: 0, pixel_angle: 0.0 };
+const SHADOW: Tracing = Tracing { bounces: 0, pixel_angle: 0.0, last_rays: false };
 const SHADOW_PATH: Path = Path {
     throughput: Vec3::ONE,
     pdf: DIRECT,

@@ -123,7 +123,8 @@ impl Buffers {
                 counts.hits += 1;
             } else {
                 let path = &self.paths[index];
-                self.radiance[path.pixel as usize] += missed(frame.prepared, path, &self.rays[index]);
+                let light = missed(frame.prepared, &frame.tracing, path, &self.rays[index]);
+                self.radiance[path.pixel as usize] += light;
             }
         }
     }
@@ -179,9 +180,9 @@ impl Buffers {
             } else {
                 shading
             };
-            let bounces = frame.tracing.bounces;
+            let tracing = &frame.tracing;
             *lane =
-                chunk.gather(needs, bounces, (path, ray, hit), (&standing, shading)).map(|lane| lane as u8);
+                chunk.gather(needs, tracing, (path, ray, hit), (&standing, shading)).map(|lane| lane as u8);
         }
         chunk.shade(prepared, needs);
     }
@@ -203,7 +204,7 @@ impl Buffers {
             let (pixel, random, vertex) = (path.pixel, path.random, path.vertex);
             let radiance = &mut radiance[pixel as usize];
             let Some(hit) = &hits[index] else {
-                *radiance += missed(prepared, path, ray);
+                *radiance += missed(prepared, &frame.tracing, path, ray);
                 continue;
             };
             counts.hits += 1;
@@ -221,7 +222,7 @@ impl Buffers {
                 cast(&shadow);
             }
             frame.further_shadows(first, hit).for_each(|shadow| cast(&shadow));
-            if next.goes_on && frame.roulette.keeps_path(vertex, path) {
+            if next.goes_on && frame.keeps_path(vertex, path) {
                 if *kept < index {
                     paths[*kept] = paths[index];
                     rays[*kept] = rays[index];

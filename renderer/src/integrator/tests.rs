@@ -136,6 +136,69 @@ fn inside_a_glowing_ball_a_grey_patch_shows_its_albedo() {
 }
 
 #[test]
+fn without_a_bounce_surfaces_show_what_their_rough_lobes_scatter() {
+    let draws = 160_000;
+    let random = random::PathRandom::new(7, 0, 0);
+    let layer = |roughness, metallic| Material { roughness, metallic, ..Material::default() };
+    for material in [lambert(0.5), layer(0.5, 0.0), layer(0.5, 1.0), layer(0.0, 0.0)] {
+        let patch = quad(Vec3::new(-0.2, -0.2, 0.0), Vec3::X * 0.4, Vec3::Y * 0.4);
+        let ball = scene(&[(sphere(5.0, 2), glowing(1.0)), (patch, material)], NIGHT);
+        let near = Camera::upright(Vec3::Z, Vec3::ZERO, 1.0);
+        let (picture, _) = traced(&ball, &View { camera: near, seed: 1, bounces: 0 }, [24, 18], 128);
+        let bsdf = Bsdf::new(&material);
+        let seen = bsdf.seen_from::<false>(Vec3::Z).expect("from above");
+        let scattered = |place| {
+            let light = sampling::cosine_hemisphere(random.pair(place));
+            f64::from(sampling::luminance(seen.rough(light).0) / light.z) * std::f64::consts::PI
+        };
+        let expected = (0..draws).map(scattered).sum::<f64>() / f64::from(draws);
+        let found = picture.mean_luminance();
+        assert!((found / expected - 1.0).abs() < 0.02, "{material:?}: {found} and {expected}");
+    }
+}
+
+#[test]
+fn inside_a_grey_ball_that_glows_every_bounce_adds_half_of_the_one_before() {
+    let ball = scene(&[(sphere(5.0, 1), Material { emission: Vec3::ONE, ..lambert(0.5) })], NIGHT);
+    for bounces in 0..3 {
+        let view = View { camera: camera(Vec3::Z, Vec3::ZERO), seed: 1, bounces };
+        let found = traced(&ball, &view, [24, 18], 64).0.mean_luminance();
+        let expected = 2.0 - 0.5_f64.powi(bounces as i32 + 1);
+        assert!((found - expected).abs() < 0.015, "{bounces} bounces: {found} and {expected}");
+    }
+}
+
+/// The floor in a gap of 0.1 under a lamp of 2 by 2. A sample of the lamp by its area alone, A / (π h²), would
+/// be up to 127 times as bright as the light that comes back, and one in 35 would be beyond the bound here.
+#[test]
+fn a_lamp_close_to_the_last_vertex_leaves_no_bright_dots() {
+    let (albedo, glow) = (0.8, 3.0);
+    let level = |y: f32| quad(Vec3::new(-1.0, y, -1.0), Vec3::Z * 2.0, Vec3::X * 2.0);
+    let clear = Material { transmission: 1.0, roughness: 0.0, ..lambert(0.5) };
+    let eye = Camera::upright(Vec3::new(0.0, 0.05, 0.45), Vec3::ZERO, 0.5);
+    let view = |seed| View { camera: eye, seed, bounces: 0 };
+    let mut parts = vec![(level(0.0), lambert(albedo)), (level(0.1), glowing(glow))];
+    for share in [1.0, 0.5] {
+        let gap = scene(&parts, NIGHT);
+        // Of the light that comes back, a last ray brings its share and a sample of the lamp half of that.
+        let bound = albedo * glow * 1.5 / vertex::LAST_RAY;
+        for seed in 0..16 {
+            let (picture, _) = traced(&gap, &view(seed), [24, 18], 1);
+            let brightest = picture.pixels.iter().fold(0.0, |most: f32, pixel| most.max(pixel.x));
+            assert!(brightest < bound, "{brightest}");
+        }
+        // The form factor of a square seen from above its middle.
+        let side = (1.0_f64 / 0.1).hypot(1.0);
+        let form = 4.0 / std::f64::consts::PI * (10.0 / side) * (10.0 / side).atan();
+        let expected = f64::from(albedo * glow) * form * share;
+        let found = traced(&gap, &view(1), [24, 18], 64).0.mean_luminance();
+        assert!((found / expected - 1.0).abs() < 0.02, "{found} and {expected}");
+        // Both techniques see the lamp through a sheet of half the light.
+        parts.push((level(0.07), clear));
+    }
+}
+
+#[test]
 fn a_small_lamp_lights_a_floor_as_the_formula_says() {
     // Radiance of a Lambert floor under a small horizontal lamp: albedo/π · L · A · cos⁴/h².
     let lamp = quad(Vec3::new(-0.05, 2.0, -0.05), Vec3::X * 0.1, Vec3::Z * 0.1);

@@ -4,6 +4,9 @@
 //! are weighed by the power heuristic (Veach 1997). Thin sheets let paths and shadow rays pass straight
 //! through, which is no bounce: the path keeps its density, so that both techniques still see equal light.
 //!
+//! From a vertex without a bounce left a last ray goes by chance, which looks for lamps alone. Else nothing
+//! would weigh a sample of a lamp near by, which can be as bright as one over the square of its distance.
+//!
 //! [`Kernel`]s are compiled for sets of [`Needs`]; a frame picks one and calls it for each hit, path by path
 //! or stage by stage. A call through a pointer that never changes costs a few cycles of the thousand a ray
 //! takes, and keeps the kernels independent of the acceleration structures.
@@ -64,6 +67,31 @@ pub(super) struct Tracing {
     pub(super) bounces: u32,
     /// The angle that a pixel covers, in radians.
     pub(super) pixel_angle: f32,
+    /// Whether there are lamps, for which last rays look beyond the last bounce.
+    pub(super) last_rays: bool,
+}
+
+/// Probability that a last ray leaves a vertex without a bounce left. A power of two, which costs no digits.
+pub(super) const LAST_RAY: f32 = 0.25;
+
+impl Tracing {
+    /// Whether a path is on its last ray, beyond the last bounce.
+    #[inline(always)]
+    pub(super) fn is_last_ray(&self, path: &Path) -> bool {
+        u32::from(path.bounce) > self.bounces
+    }
+
+    /// The factor on the light of the ray that a rough lobe sends on from a vertex whose random numbers begin
+    /// at `place`: 1 while bounces are left, then that of a last ray. 0 where none follows.
+    #[inline(always)]
+    pub(super) fn follow(&self, path: &Path, place: u32) -> f32 {
+        if u32::from(path.bounce) < self.bounces {
+            return 1.0;
+        }
+        let may_follow = self.last_rays && !self.is_last_ray(path);
+        let follows = may_follow && path.random.single(places::of_last_ray(place)) < LAST_RAY;
+        if follows { 1.0 / LAST_RAY } else { 0.0 }
+    }
 }
 
 /// Assumed width, in radians, of light that comes over a perfect mirror after a rough surface.
@@ -189,22 +217,29 @@ fn vertex<const NEEDS: usize>(
     let Some(surface) = surface else {
         return END;
     };
+    let last_ray = needs.lamps && tracing.is_last_ray(path);
     if needs.lamps && material.glows {
         let weight = if path.pdf < 0.0 {
             1.0
         } else {
             let cosine = surface.geometric_normal.dot(ray.direction);
             let distance_squared = surface.position.distance_squared(path.from);
-            let factor = if needs.environment { prepared.lights.lamp_factor(path.from) } else { 1.0 };
+            let lights = &prepared.lights;
+            let factor = if needs.environment { lights.lamp_factor(path.from, last_ray) } else { 1.0 };
             let density = material.density * factor;
             power_heuristic(path.pdf, solid_angle_pdf(density, cosine, distance_squared))
         };
         *radiance += path.throughput * material.emission * weight;
     }
+    // A last ray looks for lamps alone, also behind sheets, as shadow rays do.
+    if last_ray && !(needs.sheets && material.bsdf.is_thin()) {
+        return END;
+    }
     let place = places::of_vertex(path.vertex);
     path.vertex += 1;
-    let last = u32::from(path.bounce) == tracing.bounces;
-    let context = Context { prepared, surface: &surface, last, place };
+    let last = u32::from(path.bounce) >= tracing.bounces;
+    let follow = tracing.follow(path, place);
+    let context = Context { prepared, surface: &surface, last, last_ray, follow, place };
     if needs.solids && material.solid {
         return context.solid::<NEEDS>(material, &standing, path, ray, shadow);
     }
@@ -225,12 +260,25 @@ pub(super) fn weight_over_density(pdf: f32, other: f32) -> f32 {
     1.0 / (pdf * (1.0 + ratio * ratio))
 }
 
+/// The density with which a surface's own sampling finds a light at some distance, in a direction that it
+/// draws with `pdf`. After the `last` bounce it finds lamps alone, by last rays: sky and sun lie infinitely
+/// far. A light without size is never found, but its density is beyond comparison.
+#[inline(always)]
+pub(super) fn density_of_finding(pdf: f32, last: bool, distance: f32) -> f32 {
+    let by_last_ray = if distance.is_finite() { pdf * LAST_RAY } else { 0.0 };
+    if last { by_last_ray } else { pdf }
+}
+
 /// The inputs of both kinds of surfaces.
 pub(super) struct Context<'a> {
     pub(super) prepared: &'a Prepared,
     pub(super) surface: &'a Surface,
     /// No bounce is left.
     pub(super) last: bool,
+    /// The path has come by a last ray: no light is sampled.
+    last_ray: bool,
+    /// See [`Tracing::follow`].
+    follow: f32,
     /// Where the vertex's random numbers begin.
     pub(super) place: u32,
 }
@@ -246,7 +294,7 @@ impl Context<'_> {
         value: impl FnOnce(Vec3) -> (Vec3, f32),
     ) -> bool {
         let needs = const { Needs::from_bits(NEEDS) };
-        if !needs.shadows() {
+        if !needs.shadows() || self.last_ray {
             return false;
         }
         let lights = &self.prepared.lights;
@@ -268,9 +316,7 @@ impl Context<'_> {
         if value == Vec3::ZERO {
             return false;
         }
-        // After the last bounce the surface's own sampling does not follow, so nothing is shared.
-        let other = if self.last { 0.0 } else { pdf };
-        let weight = weight_over_density(light.pdf, other);
+        let weight = weight_over_density(light.pdf, density_of_finding(pdf, self.last, light.distance));
         *shadow = Shadow {
             ray: Ray {
                 origin: self.surface.start(light.direction),
@@ -336,14 +382,15 @@ impl Context<'_> {
             let pdf = normal.dot(light).max(0.0) * std::f32::consts::FRAC_1_PI;
             (diffuse * pdf, pdf)
         });
-        if self.last {
+        if self.follow == 0.0 {
             return Next { shadow, goes_on: false };
         }
         let local = super::sampling::cosine_hemisphere(path.random.pair(self.place + 3));
         let direction = Basis::new(normal).to_world(local);
         // Value over density is the albedo.
         let pdf = local.z * std::f32::consts::FRAC_1_PI;
-        Next { shadow, goes_on: pdf > 0.0 && self.turn(path, ray, direction, diffuse, pdf) }
+        let (weight, found) = (diffuse * self.follow, pdf / self.follow);
+        Next { shadow, goes_on: pdf > 0.0 && self.turn(path, ray, direction, weight, found) }
     }
 
     /// A surface with a reflecting layer, and with transmission if it is `THIN`.
@@ -360,7 +407,7 @@ impl Context<'_> {
             return END;
         };
         let shadow = self.light::<NEEDS>(path, shadow, |light| seen.rough(frame.to_local(light)));
-        if self.last && !THIN {
+        if self.follow == 0.0 && !THIN {
             return Next { shadow, goes_on: false };
         }
         let choice = path.random.single(self.place + 2);
@@ -372,24 +419,29 @@ impl Context<'_> {
             self.leave(ray, direction);
             return Next { shadow, goes_on: !ends };
         }
-        if self.last {
+        if self.follow == 0.0 {
             return Next { shadow, goes_on: false };
         }
         let Some(sample) = seen.sample(choice, path.random.pair(self.place + 3)) else {
             return Next { shadow, goes_on: false };
         };
         let pdf = match sample.scatter {
+            // Light samples know nothing of mirrors, so there is nothing to weigh.
+            Scatter::Mirror if self.last => return Next { shadow, goes_on: false },
             Scatter::Mirror => path.mirrored_pdf(),
-            Scatter::Rough | Scatter::Through => sample.pdf,
+            Scatter::Rough | Scatter::Through => sample.pdf / self.follow,
         };
         let direction = frame.to_world(sample.direction);
-        Next { shadow, goes_on: self.turn(path, ray, direction, sample.weight, pdf) }
+        Next { shadow, goes_on: self.turn(path, ray, direction, sample.weight * self.follow, pdf) }
     }
 }
 
-/// Light of sky and sun that a ray which meets nothing brings to its path.
+/// Light of sky and sun that a ray which meets nothing brings to its path: a last ray none.
 #[inline]
-pub(super) fn missed(prepared: &Prepared, path: &Path, ray: &Ray) -> Vec3 {
+pub(super) fn missed(prepared: &Prepared, tracing: &Tracing, path: &Path, ray: &Ray) -> Vec3 {
+    if tracing.is_last_ray(path) {
+        return Vec3::ZERO;
+    }
     let sky = match prepared.lights.environment(path.from, ray.direction) {
         None => prepared.lights.sky(ray.direction),
         Some(_) if path.pdf < 0.0 => prepared.lights.environment_seen(ray.direction),

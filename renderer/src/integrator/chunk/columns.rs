@@ -133,6 +133,8 @@ columns! {
         pub(super) place: Column<u32>,
         /// 1 where no bounce is left.
         pub(super) last: Column<u32>,
+        /// The factor on the light of the ray that follows, 0 where none does.
+        pub(super) follow: Column,
     }
 
     /// The random numbers of a vertex, by their places.

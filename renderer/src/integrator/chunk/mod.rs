@@ -3,9 +3,9 @@
 //!
 //! A chunk gathers hits on matt surfaces and on rough, opaque layers, in two runs of lanes, one from either
 //! end. Rare cases go through [`Kernel::vertex`](super::vertex::Kernel) as in the path-by-path way: lamps
-//! that are hit, mirrors, thin sheets, glass, triangles too small for single precision's squares. Both give
-//! equal bits. The loops are compiled for each instruction set ([`Isa::run`]). Compare Lee et al., Vectorized
-//! Production Path Tracing (HPG 2017), who sort hits into such runs as well.
+//! that are hit, mirrors, thin sheets, glass, last rays, triangles too small for single precision's squares.
+//! Both give equal bits. The loops are compiled for each instruction set ([`Isa::run`]). Compare Lee et al.,
+//! Vectorized Production Path Tracing (HPG 2017), who sort hits into such runs as well.
 
 mod columns;
 mod passes;
@@ -22,7 +22,7 @@ use super::Needs;
 use super::places;
 use super::prepared::{Prepared, Shading};
 use super::surface::WorldFacet;
-use super::vertex::{Next, Path, Shadow};
+use super::vertex::{Next, Path, Shadow, Tracing};
 
 /// Most hits of a chunk.
 pub(super) const HITS: usize = LANES;
@@ -73,11 +73,11 @@ impl Chunk {
     pub(super) fn gather(
         &mut self,
         needs: Needs,
-        bounces: u32,
+        tracing: &Tracing,
         (path, ray, hit): (&Path, &Ray, &Hit),
         (standing, shading): (&WorldFacet, &Shading),
     ) -> Option<usize> {
-        if shading.glows || shading.solid {
+        if shading.glows || shading.solid || (needs.lamps && tracing.is_last_ray(path)) {
             return None;
         }
         let lane = if !needs.layers || shading.bsdf.is_matt() {
@@ -106,8 +106,10 @@ impl Chunk {
         arrivals.weights[1][lane] = hit.v;
         arrivals.throughput.set(lane, path.throughput);
         arrivals.random[lane] = path.random;
-        arrivals.place[lane] = places::of_vertex(path.vertex);
-        arrivals.last[lane] = (u32::from(path.bounce) == bounces).into();
+        let place = places::of_vertex(path.vertex);
+        arrivals.place[lane] = place;
+        arrivals.last[lane] = (u32::from(path.bounce) == tracing.bounces).into();
+        arrivals.follow[lane] = tracing.follow(path, place);
         Some(lane)
     }
 

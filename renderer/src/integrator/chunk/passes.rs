@@ -14,7 +14,7 @@ use crate::integrator::lamp::Lamp;
 use crate::integrator::lights::Lights;
 use crate::integrator::sampling::{Basis, cosine_hemisphere};
 use crate::integrator::surface::{Surface, barycentric, facing, guarded, interpolated, offset, unit_normal};
-use crate::integrator::vertex::{SHADOW_SHARE, weight_over_density};
+use crate::integrator::vertex::{SHADOW_SHARE, density_of_finding, weight_over_density};
 use crate::integrator::{LightSample, Needs};
 use glam::Vec3;
 
@@ -205,7 +205,7 @@ fn select(first: bool, a: LightSample, b: LightSample) -> LightSample {
 #[inline(always)]
 fn shadow(columns: &mut Columns, lane: usize, surface: &Surface, light: &LightSample, value: Vec3, pdf: f32) {
     let Columns { arrivals, departures, lit, .. } = columns;
-    let other = if arrivals.last[lane] != 0 { 0.0 } else { pdf };
+    let other = density_of_finding(pdf, arrivals.last[lane] != 0, light.distance);
     let weight = weight_over_density(light.pdf, other);
     departures.shadow[lane] = lit[lane] & u32::from(value != Vec3::ZERO);
     departures.shadow_origin.set(lane, surface.start(light.direction));
@@ -226,14 +226,15 @@ fn turn(
     sound: bool,
 ) {
     let Columns { arrivals, departures, .. } = columns;
-    let throughput = arrivals.throughput.get(lane) * weight;
+    let follow = arrivals.follow[lane];
+    let throughput = arrivals.throughput.get(lane) * (weight * follow);
     let outside = direction.dot(surface.geometric_normal) > 0.0;
-    let goes_on = sound & outside & (throughput != Vec3::ZERO) & (arrivals.last[lane] == 0);
+    let goes_on = sound & outside & (throughput != Vec3::ZERO) & (follow != 0.0);
     departures.goes_on[lane] = goes_on.into();
     departures.origin.set(lane, surface.start(direction));
     departures.direction.set(lane, direction);
     departures.throughput.set(lane, throughput);
-    departures.pdf[lane] = pdf;
+    departures.pdf[lane] = pdf / follow;
 }
 
 #[inline(always)]
