@@ -55,65 +55,30 @@ pub struct IndicatorSchema {
     pub(crate) indicators: Vec<Indicator>,
 }
 
-/// Why a schema or a set of indicator values is refused.
+/// Why a schema or a set of indicator values is refused: names the indicator, the mistake and its remedy.
 #[derive(Clone, Debug, PartialEq, Error)]
-pub enum IndicatorError {
-    /// Too many indicators.
-    #[error("{0} indicators; at most {INDICATORS_MAX} are allowed")]
-    TooMany(usize),
-    /// Not spelt like a name.
-    #[error("indicator {0:?} is not a name; use {NAME_RULE}")]
-    Name(String),
-    /// Listed twice.
-    #[error("indicator {0:?} is listed twice; remove one")]
-    Twice(String),
-    /// The range is empty or not finite.
-    #[error("indicator {name:?} has range {min} to {max}; both must be finite and min less than max")]
-    Range {
-        /// The indicator.
-        name: String,
-        /// As given.
-        min: f64,
-        /// As given.
-        max: f64,
-    },
-    /// A value is missing.
-    #[error("indicator {0:?} is missing; send a value for each indicator of the study")]
-    Missing(String),
-    /// A value for an indicator that the study does not have.
-    #[error("indicator {name:?} is unknown; the study has {known}")]
-    Unknown {
-        /// As given.
-        name: String,
-        /// The study's indicators.
-        known: String,
-    },
-    /// A value is NaN or infinite.
-    #[error("indicator {name:?} is {value}; it must be finite")]
-    NotFinite {
-        /// The indicator.
-        name: String,
-        /// As given.
-        value: f64,
-    },
-}
+#[error("{0}")]
+pub struct IndicatorError(String);
 
 impl IndicatorSchema {
     /// Checks and takes the indicators.
     pub fn new(indicators: Vec<Indicator>) -> Result<Self, IndicatorError> {
         if indicators.len() > INDICATORS_MAX {
-            return Err(IndicatorError::TooMany(indicators.len()));
+            let count = indicators.len();
+            return refuse(format!("{count} indicators; at most {INDICATORS_MAX} are allowed"));
         }
         let mut seen = BTreeSet::new();
         for Indicator { name, min, max, .. } in &indicators {
             if !is_name(name) {
-                return Err(IndicatorError::Name(name.clone()));
+                return refuse(format!("indicator {name:?} is not a name; use {NAME_RULE}"));
             }
             if !seen.insert(name) {
-                return Err(IndicatorError::Twice(name.clone()));
+                return refuse(format!("indicator {name:?} is listed twice; remove one"));
             }
             if !min.is_finite() || !max.is_finite() || min >= max {
-                return Err(IndicatorError::Range { name: name.clone(), min: *min, max: *max });
+                return refuse(format!(
+                    "indicator {name:?} has range {min} to {max}; both must be finite and min less than max"
+                ));
             }
         }
         Ok(IndicatorSchema { indicators })
@@ -130,9 +95,13 @@ impl IndicatorSchema {
         let mut state = Vec::with_capacity(self.indicators.len());
         for indicator in &self.indicators {
             let name = &indicator.name;
-            let Some(&value) = values.get(name) else { return Err(IndicatorError::Missing(name.clone())) };
+            let Some(&value) = values.get(name) else {
+                return refuse(format!(
+                    "indicator {name:?} is missing; send a value for each indicator of the study"
+                ));
+            };
             if !value.is_finite() {
-                return Err(IndicatorError::NotFinite { name: name.clone(), value });
+                return refuse(format!("indicator {name:?} is {value}; it must be finite"));
             }
             state.push(indicator.normalise(value));
         }
@@ -142,8 +111,12 @@ impl IndicatorSchema {
         let names: Vec<&str> = self.indicators.iter().map(|indicator| indicator.name.as_str()).collect();
         let unknown = values.keys().find(|name| !names.contains(&name.as_str())).cloned().unwrap_or_default();
         let known = if names.is_empty() { "none".to_owned() } else { names.join(", ") };
-        Err(IndicatorError::Unknown { name: unknown, known })
+        refuse(format!("indicator {unknown:?} is unknown; the study has {known}"))
     }
+}
+
+fn refuse<T>(problem: String) -> Result<T, IndicatorError> {
+    Err(IndicatorError(problem))
 }
 
 impl TryFrom<Vec<Indicator>> for IndicatorSchema {

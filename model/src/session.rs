@@ -63,8 +63,8 @@ impl SessionPolicy {
             // The ranges are those of the policy's fields.
             let range =
                 PolicySettings::FIELDS.iter().find(|known| known.name == field).map(|known| known.range);
-            if let Some((value, range)) = value.zip(range).filter(|(value, range)| !range.contains(*value)) {
-                return Err(PolicyError::Range { field, value, range });
+            if let Some((value, range)) = value.zip(range) {
+                range.check(field, value)?;
             }
         }
         Ok(())

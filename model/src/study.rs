@@ -63,27 +63,9 @@ struct RawStudySpec {
 /// Why a specification is refused. Spaces, schemas and objectives have errors of their own.
 #[derive(Clone, Debug, PartialEq, Error)]
 pub enum StudyError {
-    /// Too long, or holds control characters.
-    #[error(
-        "display_name must be at most {DISPLAY_NAME_CHARACTERS_MAX} characters without control characters"
-    )]
-    DisplayName,
-    /// Too long, or holds control characters.
-    #[error(
-        "note must be at most {NOTE_BYTES_MAX} bytes without control characters but tabs and \\n (not \\r\\n)"
-    )]
-    Note,
-    /// Too many.
-    #[error("tags has {0}; give at most {TAGS_MAX}")]
-    Tags(usize),
-    /// Misspelt.
-    #[error(
-        "tags: {0:?} must be 1 to {TAG_CHARACTERS_MAX} letters, digits, _, - and ., without blanks and quotes"
-    )]
-    Tag(String),
-    /// Not within 0 to 1.
-    #[error("state_tolerance is {0}; it must be between 0 and 1")]
-    StateTolerance(f64),
+    /// A text for people or the tolerance is not acceptable: the field, the mistake and its remedy.
+    #[error("{0}")]
+    Field(String),
     /// The policy is not acceptable.
     #[error(transparent)]
     Policy(#[from] PolicyError),
@@ -116,22 +98,30 @@ impl<'de> Deserialize<'de> for StudySpec {
 
 impl<P> StudySpec<P> {
     fn check_texts_and_tolerance(&self) -> Result<(), StudyError> {
+        let refuse = |problem: String| Err(StudyError::Field(problem));
         let name = &self.display_name;
         if name.chars().count() > DISPLAY_NAME_CHARACTERS_MAX || name.chars().any(char::is_control) {
-            return Err(StudyError::DisplayName);
+            return refuse(format!(
+                "display_name must be at most {DISPLAY_NAME_CHARACTERS_MAX} characters without control characters"
+            ));
         }
         let is_mark = |c: char| c.is_control() && !matches!(c, '\n' | '\t');
         if self.note.len() > NOTE_BYTES_MAX || self.note.chars().any(is_mark) {
-            return Err(StudyError::Note);
+            return refuse(format!(
+                "note must be at most {NOTE_BYTES_MAX} bytes without control characters but tabs and \\n (not \\r\\n)"
+            ));
         }
         if self.tags.len() > TAGS_MAX {
-            return Err(StudyError::Tags(self.tags.len()));
+            return refuse(format!("tags has {}; give at most {TAGS_MAX}", self.tags.len()));
         }
         if let Some(tag) = self.tags.iter().find(|tag| !is_tag(tag)) {
-            return Err(StudyError::Tag(tag.clone()));
+            return refuse(format!(
+                "tags: {tag:?} must be 1 to {TAG_CHARACTERS_MAX} letters, digits, _, - and ., without blanks and quotes"
+            ));
         }
         if !(0.0..=1.0).contains(&self.state_tolerance) {
-            return Err(StudyError::StateTolerance(self.state_tolerance));
+            let tolerance = self.state_tolerance;
+            return refuse(format!("state_tolerance is {tolerance}; it must be between 0 and 1"));
         }
         Ok(())
     }
@@ -500,13 +490,16 @@ mod tests {
         let text = serde_json::to_string(&full).expect("plain data");
         assert!(text.contains(r#""tags":["2.1_x-y","b","層"],"#), "{text}");
         let long = "a".repeat(NOTE_BYTES_MAX + 1);
-        assert_eq!(with(&long, &[]).validate(), Err(StudyError::Note));
-        assert_eq!(with("a\0b", &[]).validate(), Err(StudyError::Note));
+        let refused = |spec: StudySpec| spec.validate().expect_err("beyond a limit").to_string();
+        for note in [&*long, "a\0b"] {
+            assert!(refused(with(note, &[])).starts_with("note must be at most 4096 bytes"), "{note}");
+        }
         for bad in ["", "a b", "a,b", "a\nb", "<b>", &"ä".repeat(TAG_CHARACTERS_MAX + 1)] {
-            assert_eq!(with("", &[bad]).validate(), Err(StudyError::Tag(bad.to_owned())));
+            let problem = refused(with("", &[bad]));
+            assert!(problem.starts_with(&format!("tags: {bad:?} must be 1 to 32")), "{problem}");
         }
         let tags = (0..=TAGS_MAX).map(|number| number.to_string()).collect();
-        assert_eq!(StudySpec { tags, ..spec() }.validate(), Err(StudyError::Tags(TAGS_MAX + 1)));
+        assert_eq!(refused(StudySpec { tags, ..spec() }), "tags has 17; give at most 16");
     }
 
     #[test]

@@ -105,103 +105,47 @@ fn is_one_frame(frames: &u32) -> bool {
     *frames == 1
 }
 
-/// Why an objective is refused, or cannot be computed.
+/// Why an objective is refused, or cannot be computed: names the metric, the mistake and its remedy.
 #[derive(Clone, Debug, PartialEq, Error)]
-pub enum ObjectiveError {
-    /// No term, or too many.
-    #[error("the objective has {0} terms; give 1 to {OBJECTIVE_TERMS_MAX}")]
-    TermCount(usize),
-    /// A metric is not spelt like a name.
-    #[error("objective metric {0:?} is not a name; use {NAME_RULE}")]
-    MetricName(String),
-    /// A metric occurs twice.
-    #[error("objective metric {0:?} is listed twice; join the two terms by adding their weights")]
-    MetricTwice(String),
-    /// A weight is not positive and finite.
-    #[error("objective metric {metric:?} has weight {weight}; it must be finite and greater than 0")]
-    Weight {
-        /// The metric.
-        metric: String,
-        /// As given.
-        weight: f64,
-    },
-    /// A report lacks a metric.
-    #[error("measurement {0:?} is missing; the objective needs it")]
-    MetricMissing(String),
-    /// A measurement is not usable.
-    #[error("measurement {metric:?} is {value}; it must be finite and not negative")]
-    MetricValue {
-        /// The metric.
-        metric: String,
-        /// As given.
-        value: f64,
-    },
-    /// Too many auxiliary metrics.
-    #[error("the objective has {0} auxiliary metrics; give at most {AUXILIARY_METRICS_MAX}")]
-    AuxiliaryCount(usize),
-    /// An auxiliary metric is not spelt like a name.
-    #[error("auxiliary metric {0:?} is not a name; use {NAME_RULE}")]
-    AuxiliaryName(String),
-    /// An auxiliary metric occurs twice, or is a term of the objective.
-    #[error("auxiliary metric {0:?} is listed already; leave it out, its measurements are known")]
-    AuxiliaryTwice(String),
-    /// A maximised metric is no term, or is listed twice.
-    #[error("{0:?} is to be maximised; name it once, and as a term of the objective")]
-    Maximised(String),
-    /// A maximised measurement is 0 or nearly 0.
-    #[error(
-        "measurement {metric:?} is {value}; what is maximised must be above 0, since its reciprocal is the cost"
-    )]
-    MaximisedValue {
-        /// The metric.
-        metric: String,
-        /// As given.
-        value: f64,
-    },
-    /// Too many limits.
-    #[error("the objective has {0} limits; give at most {MEASUREMENT_LIMITS_MAX}")]
-    LimitCount(usize),
-    /// A limit is not valid.
-    #[error(
-        "limit {0:?} is not one; give a measurement's name ({NAME_RULE}), once, and a finite at_least, at_most or both, \
-         the first not above the second"
-    )]
-    Limit(String),
-    /// A report lacks a limited metric.
-    #[error("measurement {metric:?} is missing; the study limits it ({limit})")]
-    LimitedMissing {
-        /// The missing one.
-        metric: String,
-        /// The limit.
-        limit: String,
-    },
-    /// No frame in a trial, or too many.
-    #[error("episode_frames is {0}; give 1 to {EPISODE_FRAMES_MAX}")]
-    EpisodeFrames(u32),
-    /// The cheaper levels are not valid.
-    #[error("fidelities: {0}")]
-    Fidelities(String),
-    /// The sum left the range of a double.
-    #[error("the weighted sum of the measurements is not finite; use smaller measurements or weights")]
-    Overflow,
+#[error("{0}")]
+pub struct ObjectiveError(String);
+
+fn refuse<T>(problem: impl Into<String>) -> Result<T, ObjectiveError> {
+    Err(ObjectiveError(problem.into()))
+}
+
+/// Checks a measurement, which must be finite and not negative.
+///
+/// # Errors
+/// With the metric.
+pub fn check_measurement(metric: &str, value: f64) -> Result<(), ObjectiveError> {
+    if value.is_finite() && value >= 0.0 {
+        return Ok(());
+    }
+    refuse(format!("measurement {metric:?} is {value}; it must be finite and not negative"))
 }
 
 impl Objective {
     /// Checks and takes the terms.
     pub fn new(terms: Vec<ObjectiveTerm>) -> Result<Self, ObjectiveError> {
         if terms.is_empty() || terms.len() > OBJECTIVE_TERMS_MAX {
-            return Err(ObjectiveError::TermCount(terms.len()));
+            let count = terms.len();
+            return refuse(format!("the objective has {count} terms; give 1 to {OBJECTIVE_TERMS_MAX}"));
         }
         let mut seen = BTreeSet::new();
         for ObjectiveTerm { metric, weight } in &terms {
             if !is_name(metric) {
-                return Err(ObjectiveError::MetricName(metric.clone()));
+                return refuse(format!("objective metric {metric:?} is not a name; use {NAME_RULE}"));
             }
             if !seen.insert(metric) {
-                return Err(ObjectiveError::MetricTwice(metric.clone()));
+                return refuse(format!(
+                    "objective metric {metric:?} is listed twice; join the two terms by adding their weights"
+                ));
             }
             if !weight.is_finite() || *weight <= 0.0 {
-                return Err(ObjectiveError::Weight { metric: metric.clone(), weight: *weight });
+                return refuse(format!(
+                    "objective metric {metric:?} has weight {weight}; it must be finite and greater than 0"
+                ));
             }
         }
         Ok(Objective { terms, ..Objective::empty() })
@@ -225,15 +169,20 @@ impl Objective {
     /// [`Objective::auxiliary`].
     pub fn with_auxiliary(self, auxiliary: Vec<String>) -> Result<Self, ObjectiveError> {
         if auxiliary.len() > AUXILIARY_METRICS_MAX {
-            return Err(ObjectiveError::AuxiliaryCount(auxiliary.len()));
+            let count = auxiliary.len();
+            return refuse(format!(
+                "the objective has {count} auxiliary metrics; give at most {AUXILIARY_METRICS_MAX}"
+            ));
         }
         let mut seen: BTreeSet<&String> = self.terms.iter().map(|term| &term.metric).collect();
         for metric in &auxiliary {
             if !is_name(metric) {
-                return Err(ObjectiveError::AuxiliaryName(metric.clone()));
+                return refuse(format!("auxiliary metric {metric:?} is not a name; use {NAME_RULE}"));
             }
             if !seen.insert(metric) {
-                return Err(ObjectiveError::AuxiliaryTwice(metric.clone()));
+                return refuse(format!(
+                    "auxiliary metric {metric:?} is listed already; leave it out, its measurements are known"
+                ));
             }
         }
         Ok(Objective { auxiliary, ..self })
@@ -242,7 +191,10 @@ impl Objective {
     /// This objective with limits on measurements.
     pub fn with_limits(self, limits: Vec<MeasurementLimit>) -> Result<Self, ObjectiveError> {
         if limits.len() > MEASUREMENT_LIMITS_MAX {
-            return Err(ObjectiveError::LimitCount(limits.len()));
+            let count = limits.len();
+            return refuse(format!(
+                "the objective has {count} limits; give at most {MEASUREMENT_LIMITS_MAX}"
+            ));
         }
         let mut seen = BTreeSet::new();
         for limit in &limits {
@@ -251,7 +203,11 @@ impl Objective {
             let some = at_least.is_some() || at_most.is_some();
             let ordered = at_least.zip(*at_most).is_none_or(|(low, high)| low <= high);
             if !(is_name(metric) && seen.insert(metric) && finite && some && ordered) {
-                return Err(ObjectiveError::Limit(limit.to_string()));
+                let limit = limit.to_string();
+                return refuse(format!(
+                    "limit {limit:?} is not one; give a measurement's name ({NAME_RULE}), once, and a finite at_least, \
+                     at_most or both, the first not above the second"
+                ));
             }
         }
         Ok(Objective { limits, ..self })
@@ -264,7 +220,9 @@ impl Objective {
         let mut seen = BTreeSet::new();
         for metric in &maximised {
             if !(self.terms.iter().any(|term| term.metric == *metric) && seen.insert(metric)) {
-                return Err(ObjectiveError::Maximised(metric.clone()));
+                return refuse(format!(
+                    "{metric:?} is to be maximised; name it once, and as a term of the objective"
+                ));
             }
         }
         let metrics = self.terms.iter().map(|term| &term.metric);
@@ -275,7 +233,7 @@ impl Objective {
     /// This objective with trials of several frames; see [`Objective::episode_frames`].
     pub fn with_episode_frames(self, frames: u32) -> Result<Self, ObjectiveError> {
         if !(1..=EPISODE_FRAMES_MAX).contains(&frames) {
-            return Err(ObjectiveError::EpisodeFrames(frames));
+            return refuse(format!("episode_frames is {frames}; give 1 to {EPISODE_FRAMES_MAX}"));
         }
         Ok(Objective { episode_frames: frames, ..self })
     }
@@ -289,7 +247,7 @@ impl Objective {
     /// This objective with cheaper levels at which it can be measured, the cheapest first.
     pub fn with_fidelities(self, fidelities: Vec<Fidelity>) -> Result<Self, ObjectiveError> {
         match fidelity::problem(&fidelities) {
-            Some(problem) => Err(ObjectiveError::Fidelities(problem)),
+            Some(problem) => refuse(format!("fidelities: {problem}")),
             None => Ok(Objective { fidelities, ..self }),
         }
     }
@@ -320,13 +278,12 @@ impl Objective {
     /// The first limit that measurements exceed, in words.
     ///
     /// # Errors
-    /// [`ObjectiveError::LimitedMissing`].
+    /// [`ObjectiveError`] where one is missing.
     pub fn beyond(&self, measurements: &BTreeMap<String, f64>) -> Result<Option<String>, ObjectiveError> {
         for limit in &self.limits {
             let metric = &limit.metric;
             let Some(&value) = measurements.get(metric) else {
-                let limit = limit.to_string();
-                return Err(ObjectiveError::LimitedMissing { metric: metric.clone(), limit });
+                return refuse(format!("measurement {metric:?} is missing; the study limits it ({limit})"));
             };
             if !limit.allows(value) {
                 return Ok(Some(format!("{metric} is {value}, and the study asks for {limit}")));
@@ -362,21 +319,25 @@ impl Objective {
         let mut cost = 0.0;
         for ObjectiveTerm { metric, weight } in &self.terms {
             let Some(&value) = measurements.get(metric) else {
-                return Err(ObjectiveError::MetricMissing(metric.clone()));
+                return refuse(format!("measurement {metric:?} is missing; the objective needs it"));
             };
-            if !value.is_finite() || value < 0.0 {
-                return Err(ObjectiveError::MetricValue { metric: metric.clone(), value });
-            }
+            check_measurement(metric, value)?;
             if self.maximised.contains(metric) {
                 if !(weight / value).is_finite() {
-                    return Err(ObjectiveError::MaximisedValue { metric: metric.clone(), value });
+                    return refuse(format!(
+                        "measurement {metric:?} is {value}; what is maximised must be above 0, since its reciprocal \
+                         is the cost"
+                    ));
                 }
                 cost += weight / value;
             } else {
                 cost += weight * value;
             }
         }
-        if cost.is_finite() { Ok(cost + 0.0) } else { Err(ObjectiveError::Overflow) }
+        if cost.is_finite() {
+            return Ok(cost + 0.0);
+        }
+        refuse("the weighted sum of the measurements is not finite; use smaller measurements or weights")
     }
 
     /// The standard error of the cost of measurements, as a share of that cost, from independent standard

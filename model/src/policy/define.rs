@@ -53,7 +53,7 @@ macro_rules! define_policy {
             /// Copies one field from another policy.
             ///
             /// # Errors
-            /// [`PolicyError::Field`] when there is no such field.
+            /// [`PolicyError`] when there is no such field.
             pub fn replace_field(&mut self, field: &str, from: &Self) -> Result<(), PolicyError>
             where
                 C: Clone,
@@ -126,7 +126,7 @@ macro_rules! define_policy {
             /// Checks every number against its range.
             ///
             /// # Errors
-            /// [`PolicyError::Range`] with the field.
+            /// [`PolicyError`] with the field and its range.
             pub fn check(&self) -> Result<(), PolicyError> {
                 $(check_range(stringify!($name), self.$name.as_ref(), $range)?;)+
                 Ok(())
@@ -135,7 +135,7 @@ macro_rules! define_policy {
             /// Sets a field from text.
             ///
             /// # Errors
-            /// [`PolicyError::Text`], [`PolicyError::Field`].
+            /// [`PolicyError`] with the field, and the texts that it takes.
             pub fn set_text(&mut self, field: &str, text: &str) -> Result<(), PolicyError> {
                 match field {
                     $(stringify!($name) => self.$name = Some(read(stringify!($name), text)?),)+
@@ -166,7 +166,7 @@ macro_rules! define_policy {
             /// Makes the policy: unset fields take their defaults.
             ///
             /// # Errors
-            /// [`PolicyError::Unrecognised`] for a search, predictor or operation that is not known here.
+            /// [`PolicyError`] for a search, predictor or operation that is not known here.
             pub fn decide(self) -> Result<RawPolicy, PolicyError> {
                 Ok(RawPolicy {
                     $($name: decide(stringify!($name), self.$name, $default)?,)+
@@ -185,23 +185,16 @@ macro_rules! define_policy {
 
 crate::policy_table!(define_policy);
 
-fn check_range<S: SettingValue>(
-    field: &'static str,
-    said: Option<&S>,
-    range: Range,
-) -> Result<(), PolicyError> {
-    match said.and_then(S::number) {
-        Some(value) if !range.contains(value) => Err(PolicyError::Range { field, value, range }),
-        _ => Ok(()),
-    }
+fn check_range<S: SettingValue>(field: &str, said: Option<&S>, range: Range) -> Result<(), PolicyError> {
+    said.and_then(S::number).map_or(Ok(()), |number| range.check(field, number))
 }
 
-fn read<S: SettingValue>(field: &'static str, text: &str) -> Result<S, PolicyError> {
-    S::parse(text).map_err(|problem| PolicyError::Text { field, problem })
+fn read<S: SettingValue>(field: &str, text: &str) -> Result<S, PolicyError> {
+    S::parse(text).map_err(|problem| PolicyError(format!("{field}: {problem}")))
 }
 
 fn decide<S: SettingValue, D: Setting<S>>(
-    field: &'static str,
+    field: &str,
     said: Option<S>,
     default: D,
 ) -> Result<D, PolicyError> {
@@ -209,7 +202,7 @@ fn decide<S: SettingValue, D: Setting<S>>(
         None => Ok(default),
         Some(said) => D::decide(said).map_err(|number| {
             let known = S::words().join(", ");
-            PolicyError::Unrecognised { field, number, known }
+            PolicyError(format!("{field}: {number} is not a known value; known are {known}"))
         }),
     }
 }

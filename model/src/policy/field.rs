@@ -2,6 +2,7 @@
 
 use std::fmt;
 
+use super::PolicyError;
 use crate::assignment::Assignment;
 use crate::value::Value;
 use crate::words::{OpenEnum, Word};
@@ -25,6 +26,12 @@ impl Range {
             Range::Within(least, most) => (least..=most).contains(&number),
             Range::Above(bound, most) => number > bound && number <= most,
         }
+    }
+
+    /// Refuses a number of a field that is out of its range.
+    pub(crate) fn check(self, field: &str, value: f64) -> Result<(), PolicyError> {
+        let fits = self.contains(value);
+        if fits { Ok(()) } else { Err(PolicyError(format!("{field} is {value}; it must be {self}"))) }
     }
 }
 

@@ -35,48 +35,15 @@ pub const ABORT_ABOVE_STOPPABLE: f64 = 4.0;
 /// A policy whose pinned configuration has not been checked yet.
 pub type RawPolicy = Policy<RawConfiguration>;
 
-/// Why a policy is refused.
+/// Why a policy is refused: names the field, the mistake and its remedy.
 #[derive(Clone, Debug, PartialEq, Error)]
-pub enum PolicyError {
-    /// A number is out of its range.
-    #[error("policy.{field} is {value}; it must be {range}")]
-    Range {
-        /// The field.
-        field: &'static str,
-        /// As given.
-        value: f64,
-        /// The allowed range.
-        range: Range,
-    },
-    /// A method or operation of another version.
-    #[error("policy.{field}: {number} is not a known value; known are {known}")]
-    Unrecognised {
-        /// The field.
-        field: &'static str,
-        /// As given.
-        number: i32,
-        /// The known words.
-        known: String,
-    },
-    /// The text for a field cannot be read.
-    #[error("policy.{field}: {problem}")]
-    Text {
-        /// The field.
-        field: &'static str,
-        /// The mistake, and how to mend it.
-        problem: String,
-    },
-    /// There is no such field.
-    #[error("policy.{field} is not a field of a policy; there are {known}")]
-    Field {
-        /// As given.
-        field: String,
-        /// The fields.
-        known: String,
-    },
-    /// The pinned configuration does not fit the space.
-    #[error("policy.pinned: {0}")]
-    Pinned(#[from] SpaceError),
+#[error("policy.{0}")]
+pub struct PolicyError(String);
+
+impl From<SpaceError> for PolicyError {
+    fn from(error: SpaceError) -> Self {
+        Self(format!("pinned: {error}"))
+    }
 }
 
 impl PolicySettings {
@@ -85,9 +52,8 @@ impl PolicySettings {
 }
 
 impl PolicyError {
-    /// The error for a field that does not exist.
-    pub fn no_such_field(field: &str) -> Self {
-        Self::Field { field: field.to_owned(), known: field_names() }
+    fn no_such_field(field: &str) -> Self {
+        Self(format!("{field} is not a field of a policy; there are {}", field_names()))
     }
 }
 
@@ -121,14 +87,11 @@ impl PolicySettings {
     /// A preset by its name.
     ///
     /// # Errors
-    /// [`PolicyError::Text`] with the known names.
+    /// [`PolicyError`] with the known names.
     pub fn preset(name: &str) -> Result<Self, PolicyError> {
         match name {
             "paper" => Ok(Self::paper()),
-            _ => {
-                let problem = format!("`{name}` is none of {}", Self::PRESETS.join(", "));
-                Err(PolicyError::Text { field: "preset", problem })
-            }
+            _ => Err(PolicyError(format!("preset: `{name}` is none of {}", Self::PRESETS.join(", ")))),
         }
     }
 }

@@ -133,7 +133,7 @@ impl<Last> SpaceBuilder<Last> {
                 let Draft { name, domain, active_if, setup, .. } = draft;
                 Ok(Parameter { name, domain, default, active_if, setup })
             }
-            None => Err(SpaceError::NoDefault(draft.name)),
+            None => Err(SpaceError::of_parameter(&draft.name, " has no default; give the recommended value")),
         };
         let parameters = self.parameters.into_iter().map(finish).collect::<Result<_, _>>()?;
         Space::new(parameters, self.constraints.into_iter().collect::<Result<_, _>>()?)

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use crate::configuration::{Configuration, RawConfiguration};
 use crate::limits::{CATEGORIES_MAX, CONSTRAINTS_MAX, PARAMETERS_MAX};
-use crate::names::is_parameter_name;
+use crate::names::{PARAMETER_NAME_RULE, is_parameter_name};
 use crate::space::constraint::Extent;
 use crate::space::{Condition, Constraint, Domain, Parameter, Rule, Space, SpaceError};
 use crate::value::Value;
@@ -40,10 +40,8 @@ impl Space {
         let active = space.active(&defaults);
         if let Some(violation) = space.violations(&defaults, &active).next() {
             let values = space.mentioned(violation, &defaults);
-            return Err(SpaceError::Constraint {
-                constraint: space.constraints[violation].to_string(),
-                problem: format!("the defaults do not fulfil it, with {values}; change a default"),
-            });
+            let problem = format!("the defaults do not fulfil it, with {values}; change a default");
+            return Err(SpaceError::of_constraint(&space.constraints[violation], problem));
         }
         space.default = space.collect(&defaults, &active);
         space.groups = space.grouped().into();
@@ -61,17 +59,15 @@ impl Space {
             match given {
                 Some(_) if !is_active => {
                     let needs = parameter.active_if.as_ref().map(Condition::to_string).unwrap_or_default();
-                    return Err(SpaceError::Inactive { name: parameter.name.clone(), needs });
+                    let problem = format!(" is not active here: it needs {needs}; leave it out");
+                    return Err(SpaceError::of_parameter(&parameter.name, problem));
                 }
                 None if is_active => {
-                    return Err(SpaceError::Missing(parameter.name.clone()));
+                    let problem = " is active here and has no value; give it one";
+                    return Err(SpaceError::of_parameter(&parameter.name, problem));
                 }
                 Some(value) if !parameter.domain.contains(&value) => {
-                    return Err(SpaceError::Value {
-                        parameter: parameter.name.clone(),
-                        value,
-                        allowed: parameter.domain.to_string(),
-                    });
+                    return Err(SpaceError::of_value(parameter, &value));
                 }
                 Some(value) => ordered.push(value),
                 None => ordered.push(parameter.default.clone()),
@@ -80,13 +76,14 @@ impl Space {
         }
         if let Some(name) = values.into_keys().next() {
             let known: Vec<&str> = self.parameters.iter().map(|parameter| parameter.name.as_str()).collect();
-            return Err(SpaceError::Unknown { name, known: known.join(", ") });
+            let problem = format!(" is unknown; the space has {}", known.join(", "));
+            return Err(SpaceError::of_parameter(&name, problem));
         }
         if let Some(violation) = self.violations(&ordered, &active).next() {
-            return Err(SpaceError::Violated {
-                constraint: self.constraints[violation].to_string(),
-                values: self.mentioned(violation, &ordered),
-            });
+            let (values, constraint) = (self.mentioned(violation, &ordered), &self.constraints[violation]);
+            return Err(SpaceError(format!(
+                "{values} break the constraint `{constraint}`; change one of them"
+            )));
         }
         Ok(self.collect(&ordered, &active))
     }
@@ -136,8 +133,9 @@ impl Space {
     }
 }
 
-fn check_count(what: &'static str, count: usize, least: usize, most: usize) -> Result<(), SpaceError> {
-    if (least..=most).contains(&count) { Ok(()) } else { Err(SpaceError::Count { what, count, least, most }) }
+fn check_count(what: &str, count: usize, least: usize, most: usize) -> Result<(), SpaceError> {
+    let fits = (least..=most).contains(&count);
+    if fits { Ok(()) } else { Err(SpaceError::of_count(what, count, least, most)) }
 }
 
 /// Negative zeros would make equal spaces look different.
@@ -160,25 +158,22 @@ fn canonical(parameter: Parameter) -> Parameter {
 
 /// Returns the index of the parameter that the condition names.
 fn check_parameter(parameter: &Parameter, earlier: &[Parameter]) -> Result<Option<usize>, SpaceError> {
-    let name = &parameter.name;
+    let Parameter { name, domain, default, active_if, .. } = parameter;
+    let refuse = |problem: String| SpaceError::of_parameter(name, problem);
     if !is_parameter_name(name) {
-        return Err(SpaceError::Name(name.clone()));
+        return Err(refuse(format!(" is not a name; use {PARAMETER_NAME_RULE}")));
     }
     if earlier.iter().any(|other| &other.name == name) {
-        return Err(SpaceError::Twice(name.clone()));
+        return Err(refuse(" is listed twice; remove or rename one".to_owned()));
     }
-    if let Some(problem) = parameter.domain.problem() {
-        return Err(SpaceError::Domain { parameter: name.clone(), problem });
+    if let Some(problem) = domain.problem() {
+        return Err(refuse(format!(": {problem}")));
     }
-    if !parameter.domain.contains(&parameter.default) {
-        return Err(SpaceError::Default {
-            parameter: name.clone(),
-            value: parameter.default.clone(),
-            allowed: parameter.domain.to_string(),
-        });
+    if !domain.contains(default) {
+        return Err(refuse(format!(": the default {default} is not {domain}")));
     }
-    let Some(condition) = &parameter.active_if else { return Ok(None) };
-    let refuse = |problem: String| SpaceError::Condition { parameter: name.clone(), problem };
+    let Some(condition) = active_if else { return Ok(None) };
+    let refuse = |problem: String| refuse(format!(": active_if {problem}"));
     let Some(index) = earlier.iter().position(|other| other.name == condition.parameter) else {
         return Err(refuse(format!("names {:?}, which is not listed earlier", condition.parameter)));
     };
@@ -193,8 +188,8 @@ fn check_parameter(parameter: &Parameter, earlier: &[Parameter]) -> Result<Optio
 }
 
 fn check_constraint(constraint: &Constraint, parameters: &[Parameter]) -> Result<Rule, SpaceError> {
-    let refuse = |problem| SpaceError::Constraint { constraint: constraint.to_string(), problem };
-    let root = constraint.root().placed(parameters).map_err(refuse)?;
+    let root = constraint.root().placed(parameters);
+    let root = root.map_err(|problem| SpaceError::of_constraint(constraint, problem))?;
     let mut mentions = Vec::new();
     root.mentions(&mut mentions);
     let place = |name: &str| parameters.iter().position(|parameter| parameter.name == name);

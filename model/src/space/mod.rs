@@ -39,7 +39,6 @@ pub use constraint::{Constraint, ConstraintError};
 pub use revisions::{EarlierSpace, EarlierSpaces};
 
 use crate::configuration::{Configuration, RawConfiguration};
-use crate::names::PARAMETER_NAME_RULE;
 use crate::space::constraint::{Extent, Node};
 use crate::space::group::Group;
 use crate::value::Value;
@@ -162,113 +161,44 @@ struct SpaceParts {
     constraints: Vec<Constraint>,
 }
 
-/// Why a space or a configuration is refused.
+/// Why a space or a configuration is refused: names the parameter or the constraint, the mistake and its
+/// remedy.
 #[derive(Clone, Debug, PartialEq, Error)]
-pub enum SpaceError {
-    /// A count is out of range.
-    #[error("the space has {count} {what}; {least} to {most} are allowed")]
-    Count {
-        /// The counted things.
-        what: &'static str,
-        /// The number that was given.
-        count: usize,
-        /// Fewest allowed.
-        least: usize,
-        /// Most allowed.
-        most: usize,
-    },
-    /// A parameter is not spelt like a name.
-    #[error("parameter {0:?} is not a name; use {PARAMETER_NAME_RULE}")]
-    Name(String),
-    /// A parameter is listed twice.
-    #[error("parameter {0:?} is listed twice; remove or rename one")]
-    Twice(String),
-    /// A parameter has no default.
-    #[error("parameter {0:?} has no default; give the recommended value")]
-    NoDefault(String),
-    /// A domain is not acceptable.
-    #[error("parameter {parameter:?}: {problem}")]
-    Domain {
-        /// The parameter.
-        parameter: String,
-        /// The mistake, in words.
-        problem: String,
-    },
-    /// The default is not in the domain.
-    #[error("parameter {parameter:?}: the default {value} is not {allowed}")]
-    Default {
-        /// The parameter.
-        parameter: String,
-        /// The default.
-        value: Value,
-        /// The domain in words.
-        allowed: String,
-    },
-    /// A condition is not acceptable.
-    #[error("parameter {parameter:?}: active_if {problem}")]
-    Condition {
-        /// The parameter that carries the condition.
-        parameter: String,
-        /// The mistake, in words.
-        problem: String,
-    },
-    /// A constraint is not acceptable.
-    #[error("constraint `{constraint}`: {problem}")]
-    Constraint {
-        /// The constraint.
-        constraint: String,
-        /// The mistake, in words.
-        problem: String,
-    },
-    /// A constraint cannot be read.
-    #[error(transparent)]
-    Unreadable(#[from] ConstraintError),
-    /// A configuration names a parameter that the space does not have.
-    #[error("parameter {name:?} is unknown; the space has {known}")]
-    Unknown {
-        /// As given.
-        name: String,
-        /// The space's parameters.
-        known: String,
-    },
-    /// A configuration lacks an active parameter.
-    #[error("parameter {0:?} is active here and has no value; give it one")]
-    Missing(String),
-    /// A configuration has a value for an inactive parameter.
-    #[error("parameter {name:?} is not active here: it needs {needs}; leave it out")]
-    Inactive {
-        /// The parameter.
-        name: String,
-        /// Its condition in words.
-        needs: String,
-    },
-    /// A value is outside its domain.
-    #[error("parameter {parameter:?} is {value}; it must be {allowed}")]
-    Value {
-        /// The parameter.
-        parameter: String,
-        /// As given.
-        value: Value,
-        /// The domain in words.
-        allowed: String,
-    },
-    /// A value is given for earlier trials of a parameter that they share with later ones.
-    #[error("earlier value of {0:?}: the change neither adds nor removes this parameter; leave it out")]
-    NotChanged(String),
+#[error("{0}")]
+pub struct SpaceError(String);
+
+impl SpaceError {
+    fn of_count(what: &str, count: usize, least: usize, most: usize) -> Self {
+        Self(format!("the space has {count} {what}; {least} to {most} are allowed"))
+    }
+
+    fn of_parameter(parameter: &str, problem: impl fmt::Display) -> Self {
+        Self(format!("parameter {parameter:?}{problem}"))
+    }
+
+    fn of_value(parameter: &Parameter, value: &Value) -> Self {
+        let allowed = &parameter.domain;
+        Self::of_parameter(&parameter.name, format!(" is {value}; it must be {allowed}"))
+    }
+
+    fn of_constraint(constraint: &Constraint, problem: impl fmt::Display) -> Self {
+        Self(format!("constraint `{constraint}`: {problem}"))
+    }
+
     /// A configuration of an earlier revision is not one of the present space.
-    #[error(
-        "the configuration of revision {0} is outside the space that the study has by now; open the \
-         study with its present space"
-    )]
-    Outside(u32),
-    /// A configuration breaks a constraint.
-    #[error("{values} break the constraint `{constraint}`; change one of them")]
-    Violated {
-        /// The constraint.
-        constraint: String,
-        /// The values of the parameters that it names: `block_x = 64, block_y = 32`.
-        values: String,
-    },
+    #[must_use]
+    pub fn outside(revision: u32) -> Self {
+        Self(format!(
+            "the configuration of revision {revision} is outside the space that the study has by now; open the \
+             study with its present space"
+        ))
+    }
+}
+
+impl From<ConstraintError> for SpaceError {
+    fn from(error: ConstraintError) -> Self {
+        Self(error.to_string())
+    }
 }
 
 /// `split = sah or median`.

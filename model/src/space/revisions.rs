@@ -81,19 +81,20 @@ impl EarlierSpaces {
     ) -> Result<Self, SpaceError> {
         let count = self.0.len() + 2;
         if count > SPACE_REVISIONS_MAX {
-            return Err(SpaceError::Count { what: "revisions", count, least: 1, most: SPACE_REVISIONS_MAX });
+            return Err(SpaceError::of_count("revisions", count, 1, SPACE_REVISIONS_MAX));
         }
         let fixed = fixed.into_iter().map(|(name, value)| {
             let parameter = match (from.parameter(&name), to.parameter(&name)) {
                 (Some(parameter), None) | (None, Some(parameter)) => parameter,
-                _ => return Err(SpaceError::NotChanged(name)),
+                _ => {
+                    return Err(SpaceError(format!(
+                        "earlier value of {name:?}: the change neither adds nor removes this parameter; leave it out"
+                    )));
+                }
             };
             let value = in_kind(&parameter.domain, &value);
-            if parameter.domain.contains(&value) {
-                return Ok((name, value));
-            }
-            let allowed = parameter.domain.to_string();
-            Err(SpaceError::Value { parameter: name, value, allowed })
+            let fits = parameter.domain.contains(&value);
+            if fits { Ok((name, value)) } else { Err(SpaceError::of_value(parameter, &value)) }
         });
         let mut fixed = fixed.collect::<Result<RawConfiguration, _>>()?;
         let changes = self.changes_from(1, from);

@@ -183,7 +183,7 @@ impl Live {
                 Some(wanted) if self.expressed(revision, &wanted).is_some() => {
                     suggest.wanted = Some(wanted.into());
                 }
-                _ => return Ok(Err(SpaceError::Outside(revision).into())),
+                _ => return Ok(Err(SpaceError::outside(revision).into())),
             }
         }
         let known_here = || self.cheapest_known(revision, self.tuner.state_of(&suggest.ask)?);

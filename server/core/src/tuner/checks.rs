@@ -7,7 +7,7 @@ use crate::limits::{
     ORIGIN_CHARACTERS_MAX, OUTCOME_REASON_CHARACTERS_MAX,
 };
 use crate::names::is_name;
-use crate::objective::ObjectiveError;
+use crate::objective::check_measurement;
 use crate::trial::{Fingerprint, Outcome};
 use crate::tuner::TunerError;
 
@@ -44,9 +44,7 @@ pub(super) fn measurements(measurements: &BTreeMap<String, f64>) -> Result<(), T
         if !is_name(name) {
             return Err(TunerError::MeasurementName(name.clone()));
         }
-        if !value.is_finite() || value < 0.0 {
-            return Err(ObjectiveError::MetricValue { metric: name.clone(), value }.into());
-        }
+        check_measurement(name, value)?;
     }
     Ok(())
 }
