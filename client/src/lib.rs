@@ -14,7 +14,7 @@
 //! | `numbers`, `records`, `insight` | the service's answers as Rust types; `treewright-model` has the rest |
 //! | `checks` | checks for values that the service would refuse |
 //! | `wire` | messages as records; conversions that both sides need are in `treewright_proto::convert` |
-//! | `client`, `study`, `suggestion`, `tuner`, `prefetching`, `paired`, `pages` | the calls of a program |
+//! | `client`, `study`, `suggestion`, `tuner`, `prefetching`, `pages` | the calls of a program |
 //! | `credentials`, `attach`, `machine`, `arguments` (a feature) | additions to every call |
 //! | `circuit_breaker`, `back_off` | whether the daemon is there, and when to ask again |
 //! | `workers`, `slot` | names of a client's workers, which run trials side by side |
@@ -55,7 +55,6 @@ mod numbers;
 mod options;
 mod outbox;
 mod pages;
-mod paired;
 mod prefetching;
 mod prepared;
 mod records;
@@ -87,7 +86,6 @@ pub use machine::detect_fingerprint;
 pub use numbers::{Indicators, Measurements};
 pub use options::Options;
 pub use pages::{TrialPages, TrialQuery};
-pub use paired::{Paired, Side};
 pub use prefetching::PrefetchingTuner;
 pub use records::{
     Best, ChangedSpace, Neighbour, Prediction, Reason, StudyRecord, StudyStatistics, TextChange, TrialRecord,

@@ -51,21 +51,13 @@ pub(crate) struct Outbox {
 struct OutboxState {
     queue: VecDeque<OutboxItem>,
     /// The item that is being sent.
-    sending: Option<Sending>,
+    sending: Option<OutboxItem>,
     held: HashMap<Arc<str>, HeldTrial>,
     /// Suggestions asked for and not yet answered.
     answers_due: usize,
     /// Reports that travel on a stream and are not yet acknowledged.
     reports_on_streams: usize,
     phase: OutboxPhase,
-}
-
-/// The report that is being sent: its study, worker and trial.
-#[derive(Debug)]
-struct Sending {
-    study: Arc<str>,
-    worker: Arc<str>,
-    trial: Arc<str>,
 }
 
 #[derive(Debug, Default, Clone, Copy, PartialEq, Eq)]
@@ -150,7 +142,7 @@ impl Outbox {
             let _ = changes.wait_for(|state| !state.queue.is_empty() || over(state)).await;
             let (item, over) = self.change(|state| {
                 let item = state.queue.pop_front();
-                state.sending = item.as_ref().map(Sending::of);
+                state.sending.clone_from(&item);
                 (item, over(state))
             });
             if item.is_some() || over {
@@ -279,13 +271,6 @@ impl OutboxState {
 
     fn waiting(&self) -> usize {
         self.queue.len() + usize::from(self.sending.is_some()) + self.reports_on_streams
-    }
-}
-
-impl Sending {
-    fn of(item: &OutboxItem) -> Self {
-        let OutboxItem { study, worker, trial, .. } = item;
-        Self { study: Arc::clone(study), worker: Arc::clone(worker), trial: Arc::clone(trial) }
     }
 }
 

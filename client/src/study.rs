@@ -8,8 +8,8 @@ use crate::core::Core;
 use crate::shared::Shared;
 use crate::study_context::StudyContext;
 use crate::{
-    Best, Client, ClientError, Configuration, Indicators, Paired, Prediction, PrefetchingTuner,
-    SessionPolicy, StudyRecord, StudySpec, Suggestion, Tuner, checks,
+    Best, Client, ClientError, Configuration, Indicators, Prediction, PrefetchingTuner, SessionPolicy,
+    StudyRecord, StudySpec, Suggestion, Tuner, checks,
 };
 
 /// A study of a client. Cheap to clone; clones share everything. Threads and tasks may share it, too. Each
@@ -150,16 +150,6 @@ impl Study {
         let ask = || self.shared.ask_after_reports(&worker, indicators, Some(configuration));
         let suggestion = core.until_ready("Suggest", core.options.deadline, ask).await?;
         Ok(self.shared.deliver(suggestion))
-    }
-
-    /// Trials of two configurations in turn, for a comparison that drift and other load disturb least.
-    pub fn paired(
-        &self,
-        indicators: &Indicators,
-        incumbent: &Configuration,
-        challenger: &Configuration,
-    ) -> Paired {
-        Paired::new(self, indicators, incumbent, challenger)
     }
 
     /// A per-frame loop, which reports and asks in one round trip.

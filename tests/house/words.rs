@@ -12,7 +12,7 @@ use super::tidiness::rust_files;
 /// Names of one thing in several forms: the blocking SDK beside the asynchronous one, vectors of each
 /// instruction set, stand-ins for features that are left out, and the arguments of each command.
 const FORMS: &[(&str, &[&str])] = &[
-    ("client/src", &["Client", "Paired", "PrefetchingTuner", "Study", "Tuner"]),
+    ("client/src", &["Client", "PrefetchingTuner", "Study", "Tuner"]),
     ("renderer/accel/src", &["Eight", "Four", "Sixteen", "Two"]),
     ("server/src", &["Traces"]),
     ("renderer/cli/src", &["Arguments"]),

@@ -20,8 +20,8 @@ use runtime::RuntimeThread;
 
 use crate::{
     Best, ChangedSpace, ClientError, Configuration, Fingerprint, Finished, FrontQuery, Indicators,
-    Measurements, Options, Outcome, ParetoFront, PolicyChange, Prediction, Question, SessionPolicy, Side,
-    Space, Stats, Status, StudyRecord, StudySpec, Suggestion, TextChange, TrialQuery, TrialRecord,
+    Measurements, Options, Outcome, ParetoFront, PolicyChange, Prediction, Question, SessionPolicy, Space,
+    Stats, Status, StudyRecord, StudySpec, Suggestion, TextChange, TrialQuery, TrialRecord,
 };
 
 /// See [`crate::Client`]. Cheap to clone.
@@ -228,18 +228,6 @@ impl Study {
         answer.unwrap_or_else(|problem| self.fall_back(indicators, problem))
     }
 
-    /// See [`crate::Study::paired`].
-    #[must_use]
-    pub fn paired(
-        &self,
-        indicators: &Indicators,
-        incumbent: &Configuration,
-        challenger: &Configuration,
-    ) -> Paired {
-        let pair = |study: &crate::Study| study.paired(indicators, incumbent, challenger);
-        Paired { paired: OfProcess::new(self.here().map(pair)), study: self.clone() }
-    }
-
     /// See [`crate::Study::tuner`].
     #[must_use]
     pub fn tuner(&self) -> Tuner {
@@ -289,23 +277,6 @@ impl Tuner {
             Ok(tuner.next(indicators, previous).await)
         });
         answer.unwrap_or_else(|problem| study.fall_back(indicators, problem))
-    }
-}
-
-/// See [`crate::Paired`].
-#[derive(Debug)]
-pub struct Paired {
-    paired: OfProcess<Result<crate::Paired, ClientError>>,
-    // The last field: fields dropped before it still find the thread.
-    study: Study,
-}
-
-impl Paired {
-    /// See [`crate::Paired::ask`]. Errors: as there, and [`ClientError::Invalid`] in the child of a fork.
-    pub fn ask(&mut self) -> Result<(Side, Suggestion), ClientError> {
-        let paired =
-            self.paired.here("a comparison in pairs")?.as_mut().map_err(|problem| problem.clone())?;
-        self.study.run(async move |_| paired.ask().await)
     }
 }
 

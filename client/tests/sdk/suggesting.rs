@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use tonic::Code;
 use treewright_client::{
-    Client, ClientError, Configuration, Indicators, Mode, Outcome, Side, Source, Space, Status, StudySpec,
+    Client, ClientError, Configuration, Indicators, Mode, Outcome, Source, Space, Status, StudySpec,
 };
 use treewright_proto::convert::configuration_to_wire;
 use treewright_proto::v1::TrialState;
@@ -133,32 +133,6 @@ async fn a_daemon_that_is_still_loading_the_study_is_asked_again() {
     let calls = fake.book().count("Suggest");
     assert!(study.trial_of(&state(3), &wanted).await.is_err_and(|problem| problem.is_unreachable()));
     assert_eq!(fake.book().count("Suggest"), calls + 1);
-}
-
-#[tokio::test]
-async fn pairs_begin_with_one_and_then_with_the_other() {
-    let (fake, _client, study) = Fake::with_study().await;
-    let of_depth = |depth: i64| {
-        let some = Configuration::new().with("max_depth", depth);
-        Configuration::from(study.spec().space.complete(&some).unwrap())
-    };
-    let (incumbent, challenger) = (of_depth(17), of_depth(9));
-    let mut pairs = study.paired(&state(3), &incumbent, &challenger);
-    let mut sides = Vec::new();
-    for refused in [false, false, true, false, false] {
-        if refused {
-            fake.book().refuse.insert("Suggest", Code::InvalidArgument);
-            assert!(pairs.ask().await.is_err(), "there is nothing to fall back on");
-            fake.book().refuse.remove("Suggest");
-            continue;
-        }
-        let (side, suggestion) = pairs.ask().await.unwrap();
-        let expected = if side == Side::Incumbent { &incumbent } else { &challenger };
-        assert_eq!(suggestion.configuration(), expected);
-        suggestion.report(measured(12.0), Outcome::Ok).unwrap();
-        sides.push(side);
-    }
-    assert_eq!(sides, [Side::Incumbent, Side::Challenger, Side::Challenger, Side::Incumbent]);
 }
 
 #[tokio::test]
