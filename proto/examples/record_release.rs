@@ -11,8 +11,13 @@ use std::path::{Path, PathBuf};
 use prost::Message;
 use prost_types::{FieldMask, FileDescriptorSet};
 use tonic::transport::Channel;
+use treewright_model::assignment::Assignment;
+use treewright_model::policy::{Operation, PolicySettings, PredictorMethod, SearchMethod};
+use treewright_model::space::{Scale, Space};
+use treewright_model::study::StudySpec;
+use treewright_proto::convert::{configuration_to_wire, spec_to_wire};
 use treewright_proto::v1::tuning_service_client::TuningServiceClient;
-use treewright_proto::v1::{self as wire, outcome, parameter, value};
+use treewright_proto::v1::{self as wire, outcome};
 
 type Failure = Box<dyn std::error::Error>;
 
@@ -66,7 +71,8 @@ fn write(stem: &Path, side: &str, message: &impl Message) -> Result<(), Failure>
 impl Recorder {
     async fn converse(mut self) -> Result<(), Failure> {
         let study_id = "recorded".to_owned();
-        call!(self, "CreateStudy", create_study, wire::CreateStudyRequest { study_id, study: Some(study()) });
+        let study = Some(study()?);
+        call!(self, "CreateStudy", create_study, wire::CreateStudyRequest { study_id, study });
         let ends = [
             outcome::Kind::Ok(wire::Ok {}),
             outcome::Kind::Infeasible(wire::Infeasible { reason: "too deep".to_owned() }),
@@ -93,13 +99,9 @@ impl Recorder {
         let paths = ["policy.epsilon", "policy.lease_s", "policy.regret_budget"].map(str::to_owned).to_vec();
         let update = wire::UpdateStudyRequest { study: Some(study), update_mask: Some(FieldMask { paths }) };
         call!(self, "UpdateStudy", update_study, update);
-        let values = [("min_leaf", 2), ("max_leaf", 4), ("bins", 16)];
-        let mut wanted: std::collections::BTreeMap<_, _> =
-            values.into_iter().map(|(name, number)| (name.to_owned(), integer(number))).collect();
-        wanted.insert("split".to_owned(), text("sah"));
-        wanted.insert("cost".to_owned(), float(1.5));
-        wanted.insert("compact".to_owned(), boolean(true));
-        let wanted = Some(wire::Configuration { values: wanted });
+        let wanted = Assignment::new().with("min_leaf", 2).with("max_leaf", 4).with("bins", 16);
+        let wanted = wanted.with("split", "sah").with("cost", 1.5).with("compact", true);
+        let wanted = Some(configuration_to_wire(wanted.as_raw()));
         let trial = call!(self, "Suggest", suggest, suggest(wanted)).name;
         call!(self, "ExtendLease", extend_lease, wire::ExtendLeaseRequest { trial: trial.clone() });
         call!(self, "GetTrial", get_trial, wire::GetTrialRequest { name: trial.clone() });
@@ -121,26 +123,6 @@ impl Recorder {
 }
 
 const STUDY: &str = "studies/recorded";
-
-fn value(kind: value::Kind) -> wire::Value {
-    wire::Value { kind: Some(kind) }
-}
-
-fn integer(number: i64) -> wire::Value {
-    value(value::Kind::Integer(number))
-}
-
-fn float(number: f64) -> wire::Value {
-    value(value::Kind::Float(number))
-}
-
-fn text(word: &str) -> wire::Value {
-    value(value::Kind::Text(word.to_owned()))
-}
-
-fn boolean(switch: bool) -> wire::Value {
-    value(value::Kind::Boolean(switch))
-}
 
 fn indicators() -> std::collections::BTreeMap<String, f64> {
     [("triangles".to_owned(), 262_267.0), ("distance".to_owned(), 12.5)].into()
@@ -172,62 +154,46 @@ fn suggest(wanted: Option<wire::Configuration>) -> wire::SuggestRequest {
 }
 
 /// A study with every kind of domain, condition, constraint and indicator.
-fn study() -> wire::Study {
-    use parameter::Domain;
-    let parameter = |name: &str, domain: Domain, default: wire::Value| wire::Parameter {
-        name: name.to_owned(),
-        domain: Some(domain),
-        default_value: Some(default),
-        active_if: None,
-        setup: false,
-    };
-    let log = wire::Scale::Log.into();
-    let leaf = || Domain::Integer(wire::IntegerDomain { min: 1, max: 32, scale: log });
-    let split = wire::CategoricalDomain { values: vec![text("sah"), text("median")] };
-    let bins = wire::IntegerDomain { min: 4, max: 64, scale: 0 };
-    let only_sah = wire::Condition { parameter: "split".to_owned(), any_of: vec![text("sah")] };
-    let parameters = vec![
-        parameter("split", Domain::Categorical(split), text("sah")),
-        parameter("min_leaf", leaf(), integer(1)),
-        parameter("max_leaf", leaf(), integer(8)),
-        parameter("cost", Domain::Float(wire::FloatDomain { min: 0.5, max: 4.0, scale: 0 }), float(1.0)),
-        parameter("compact", Domain::Boolean(wire::BooleanDomain {}), boolean(false)),
-        wire::Parameter {
-            active_if: Some(only_sah),
-            ..parameter("bins", Domain::Integer(bins), integer(16))
-        },
-    ];
-    let constraints = vec![wire::Constraint {
-        lesser: "min_leaf".to_owned(),
-        greater: "max_leaf".to_owned(),
-        ..wire::Constraint::default()
-    }];
-    let indicator = |name: &str, max, scale| wire::Indicator { name: name.to_owned(), min: 0.0, max, scale };
-    let term = |metric: &str, weight| wire::ObjectiveTerm { metric: metric.to_owned(), weight };
-    wire::Study {
-        display_name: "as recorded".to_owned(),
-        space: Some(wire::Space { parameters, constraints }),
-        indicators: vec![indicator("triangles", 1e8, log), indicator("distance", 100.0, 0)],
-        objective: Some(wire::Objective {
-            terms: vec![term("build_ms", 0.25), term("render_ms", 1.0)],
-            ..Default::default()
-        }),
-        state_tolerance: Some(0.02),
-        policy: Some(wire::Policy {
-            epsilon: Some(1.0),
-            search: wire::SearchMethod::NelderMead.into(),
-            predictor: wire::PredictorMethod::Contextual.into(),
-            trials_per_state: 40,
-            replicates: 1,
-            epsilon_halves_after: 100,
-            regret_budget: Some(0.9),
-            abort_above: Some(3.0),
-            worst_factor: Some(50.0),
-            operation: wire::Operation::Tune.into(),
-            roll_back: Some(true),
-            ..wire::Policy::default()
-        }),
-        seed: 11,
-        ..wire::Study::default()
-    }
+fn study() -> Result<wire::Study, Failure> {
+    let space = Space::builder()
+        .categorical("split", ["sah", "median"])
+        .default("sah")
+        .integer("min_leaf", 1..=32)
+        .default(1)
+        .log()
+        .integer("max_leaf", 1..=32)
+        .default(8)
+        .log()
+        .float("cost", 0.5..=4.0)
+        .default(1.0)
+        .boolean("compact")
+        .default(false)
+        .integer("bins", 4..=64)
+        .default(16)
+        .active_if("split", ["sah"])
+        .less_or_equal("min_leaf", "max_leaf")
+        .build()?;
+    let policy = PolicySettings::new()
+        .epsilon(1.0)
+        .search(SearchMethod::NelderMead)
+        .predictor(PredictorMethod::Contextual)
+        .trials_per_state(40)
+        .replicates(1)
+        .epsilon_halves_after(100)
+        .regret_budget(0.9)
+        .abort_above(3.0)
+        .worst_factor(50.0)
+        .operation(Operation::Tune)
+        .roll_back(true);
+    let study = StudySpec::builder(space)
+        .display_name("as recorded")
+        .indicator("triangles", 0.0..=1e8, Scale::Log)
+        .indicator("distance", 0.0..=100.0, Scale::Linear)
+        .minimise("build_ms", 0.25)
+        .minimise("render_ms", 1.0)
+        .state_tolerance(0.02)
+        .policy(policy)
+        .seed(11)
+        .build()?;
+    Ok(spec_to_wire(&study))
 }
