@@ -5,7 +5,7 @@ use std::mem::MaybeUninit;
 use treewright_client::blocking;
 
 use crate::configuration::from_json;
-use crate::edge::{ErrorOut, Text, free, guard, need, store};
+use crate::edge::{ErrorOut, Text, free, guard, need, put};
 use crate::error::Failure;
 use crate::options::{Options, milliseconds};
 use crate::spec::Spec;
@@ -16,101 +16,60 @@ use crate::suggestion::Suggestion;
 #[derive(Debug)]
 pub(crate) struct Client(pub(crate) blocking::Client);
 
-#[unsafe(no_mangle)]
-pub(crate) extern "C" fn tw_client_connect(
-    url: Text,
-    options: Option<&Options>,
-    error: ErrorOut,
-) -> Option<Box<Client>> {
-    guard(error, || {
+exports! {
+    fn tw_client_connect(url: Text, options: Option<&Options>; error) -> Option<Box<Client>> {
         let options = options.map_or_else(|| Ok(treewright_client::Options::new()), Options::finish)?;
-        Ok(Box::new(Client(blocking::Client::connect(url.read("the daemon's address")?, options)?)))
-    })
-}
+        Ok(Client(blocking::Client::connect(url.read("the daemon's address")?, options)?))
+    }
 
-#[unsafe(no_mangle)]
-pub(crate) extern "C" fn tw_client_free(client: Option<Box<Client>>) {
-    free(client);
-}
+    fn tw_client_free(client: Option<Box<Client>>) {
+        free(client);
+    }
 
-#[unsafe(no_mangle)]
-pub(crate) extern "C" fn tw_client_ping(
-    client: Option<&Client>,
-    ms: Option<&mut MaybeUninit<f64>>,
-    error: ErrorOut,
-) -> bool {
-    let body = || {
+    fn tw_client_ping(client: Option<&Client>, ms: Option<&mut MaybeUninit<f64>>; error) -> bool {
         let took = need(client, "client")?.0.ping()?;
-        ms.map_or(Ok(()), |room| store(Some(room), took.as_secs_f64() * 1e3))
-    };
-    guard(error, body).is_some()
-}
+        put(ms, took.as_secs_f64() * 1e3);
+        Ok(())
+    }
 
-#[unsafe(no_mangle)]
-pub(crate) extern "C" fn tw_client_flush(client: Option<&Client>, deadline_ms: f64, error: ErrorOut) -> bool {
-    let body = || {
+    fn tw_client_flush(client: Option<&Client>, deadline_ms: f64; error) -> bool {
         let deadline = milliseconds(deadline_ms).map_err(Failure::invalid)?;
         Ok(need(client, "client")?.0.flush(deadline)?)
-    };
-    guard(error, body).is_some()
-}
+    }
 
-#[unsafe(no_mangle)]
-pub(crate) extern "C" fn tw_client_count(client: Option<&Client>, which: i32) -> u64 {
-    let body = || {
-        let stats = need(client, "client")?.0.stats();
-        Ok(match which {
-            0 => stats.suggestions,
-            1 => stats.fallbacks,
-            2 => stats.unreported,
-            3 => stats.sent,
-            4 => stats.acknowledged,
-            5 => stats.resent,
-            6 => stats.refused,
-            7 => stats.dropped,
-            8 => stats.abandoned,
-            9 => stats.queued,
-            _ => 0,
-        })
-    };
-    guard(ErrorOut::nowhere(), body).unwrap_or(0)
-}
+    fn tw_client_count(client: Option<&Client>, which: i32) -> u64 {
+        let body = || {
+            let stats = need(client, "client")?.0.stats();
+            Ok(match which {
+                0 => stats.suggestions,
+                1 => stats.fallbacks,
+                2 => stats.unreported,
+                3 => stats.sent,
+                4 => stats.acknowledged,
+                5 => stats.resent,
+                6 => stats.refused,
+                7 => stats.dropped,
+                8 => stats.abandoned,
+                9 => stats.queued,
+                _ => 0,
+            })
+        };
+        guard(ErrorOut::nowhere(), body).unwrap_or(0)
+    }
 
-#[unsafe(no_mangle)]
-pub(crate) extern "C" fn tw_client_study(
-    client: Option<&Client>,
-    id: Text,
-    spec: Option<&Spec>,
-    error: ErrorOut,
-) -> Option<Box<Study>> {
-    guard(error, || {
+    fn tw_client_study(client: Option<&Client>, id: Text, spec: Option<&Spec>; error) -> Option<Box<Study>> {
         let spec = need(spec, "specification")?.finish()?;
-        Ok(Box::new(Study(need(client, "client")?.0.study(id.read("the study's id")?, spec)?)))
-    })
-}
+        Ok(Study(need(client, "client")?.0.study(id.read("the study's id")?, spec)?))
+    }
 
-#[unsafe(no_mangle)]
-pub(crate) extern "C" fn tw_client_existing_study(
-    client: Option<&Client>,
-    id: Text,
-    error: ErrorOut,
-) -> Option<Box<Study>> {
-    guard(error, || {
-        Ok(Box::new(Study(need(client, "client")?.0.existing_study(id.read("the study's id")?)?)))
-    })
-}
+    fn tw_client_existing_study(client: Option<&Client>, id: Text; error) -> Option<Box<Study>> {
+        Ok(Study(need(client, "client")?.0.existing_study(id.read("the study's id")?)?))
+    }
 
-#[unsafe(no_mangle)]
-pub(crate) extern "C" fn tw_client_extend_lease(
-    client: Option<&Client>,
-    suggestion: Option<&mut Suggestion>,
-    error: ErrorOut,
-) -> bool {
-    let body = || {
+    fn tw_client_extend_lease(client: Option<&Client>, suggestion: Option<&mut Suggestion>; error) -> bool {
         let client = need(client, "client")?;
         Ok(client.0.extend_lease(&mut need(suggestion, "suggestion")?.inner)?)
-    };
-    guard(error, body).is_some()
+    }
 }
 
 /// The effect of a change of a space; see the header.
@@ -123,17 +82,11 @@ pub(crate) struct ChangedSpace {
     given_back_trials: i64,
 }
 
-#[unsafe(no_mangle)]
-pub(crate) extern "C" fn tw_client_change_space(
-    client: Option<&Client>,
-    id: Text,
-    spec: Option<&Spec>,
-    fixed_json: Text,
-    only_try: bool,
-    changed: Option<&mut MaybeUninit<ChangedSpace>>,
-    error: ErrorOut,
-) -> bool {
-    let body = || {
+exports! {
+    fn tw_client_change_space(
+        client: Option<&Client>, id: Text, spec: Option<&Spec>, fixed_json: Text, only_try: bool,
+        changed: Option<&mut MaybeUninit<ChangedSpace>>; error
+    ) -> bool {
         let space = need(spec, "specification")?.space()?;
         let fixed = fixed_json.optional()?.map(from_json).transpose()?.unwrap_or_default();
         let client = &need(client, "client")?.0;
@@ -146,13 +99,11 @@ pub(crate) extern "C" fn tw_client_change_space(
             outside_trials: done.outside_trials,
             given_back_trials: done.given_back_trials,
         };
-        changed.map_or(Ok(()), |room| store(Some(room), done))
-    };
-    guard(error, body).is_some()
-}
+        put(changed, done);
+        Ok(())
+    }
 
-#[unsafe(no_mangle)]
-pub(crate) extern "C" fn tw_client_delete_study(client: Option<&Client>, id: Text, error: ErrorOut) -> bool {
-    let body = || Ok(need(client, "client")?.0.delete_study(id.read("the study's id")?)?);
-    guard(error, body).is_some()
+    fn tw_client_delete_study(client: Option<&Client>, id: Text; error) -> bool {
+        Ok(need(client, "client")?.0.delete_study(id.read("the study's id")?)?)
+    }
 }

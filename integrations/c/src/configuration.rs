@@ -51,84 +51,61 @@ fn get<T>(
     configuration: Option<&Configuration>,
     name: Text,
     room: Option<&mut MaybeUninit<T>>,
-    error: ErrorOut,
     get: impl FnOnce(&treewright_client::Configuration, &str) -> Result<T, NoSuchValue>,
-) -> bool {
-    let body = || {
-        let values = &need(configuration, "configuration")?.values;
-        let value = get(values, name.read("the parameter's name")?).map_err(ClientError::from)?;
-        store(room, value)
-    };
-    guard(error, body).is_some()
+) -> Result<(), Failure> {
+    let values = &need(configuration, "configuration")?.values;
+    store(room, get(values, name.read("the parameter's name")?).map_err(ClientError::from)?)
 }
 
-#[unsafe(no_mangle)]
-pub(crate) extern "C" fn tw_configuration_integer(
-    configuration: Option<&Configuration>,
-    name: Text,
-    value: Option<&mut MaybeUninit<i64>>,
-    error: ErrorOut,
-) -> bool {
-    get(configuration, name, value, error, |values, name| values.integer(name))
-}
+exports! {
+    fn tw_configuration_integer(
+        configuration: Option<&Configuration>, name: Text, value: Option<&mut MaybeUninit<i64>>; error
+    ) -> bool {
+        get(configuration, name, value, |values, name| values.integer(name))
+    }
 
-#[unsafe(no_mangle)]
-pub(crate) extern "C" fn tw_configuration_float(
-    configuration: Option<&Configuration>,
-    name: Text,
-    value: Option<&mut MaybeUninit<f64>>,
-    error: ErrorOut,
-) -> bool {
-    get(configuration, name, value, error, |values, name| values.float(name))
-}
+    fn tw_configuration_float(
+        configuration: Option<&Configuration>, name: Text, value: Option<&mut MaybeUninit<f64>>; error
+    ) -> bool {
+        get(configuration, name, value, |values, name| values.float(name))
+    }
 
-#[unsafe(no_mangle)]
-pub(crate) extern "C" fn tw_configuration_boolean(
-    configuration: Option<&Configuration>,
-    name: Text,
-    value: Option<&mut MaybeUninit<bool>>,
-    error: ErrorOut,
-) -> bool {
-    get(configuration, name, value, error, |values, name| values.boolean(name))
-}
+    fn tw_configuration_boolean(
+        configuration: Option<&Configuration>, name: Text, value: Option<&mut MaybeUninit<bool>>; error
+    ) -> bool {
+        get(configuration, name, value, |values, name| values.boolean(name))
+    }
 
-#[unsafe(no_mangle)]
-pub(crate) extern "C" fn tw_configuration_text(
-    configuration: Option<&Configuration>,
-    name: Text,
-    error: ErrorOut,
-) -> *const c_char {
-    let body = || {
-        let configuration = need(configuration, "configuration")?;
-        let name = name.read("the parameter's name")?;
-        configuration.values.text(name).map_err(ClientError::from)?;
-        Ok(configuration.texts.get(name).map_or(std::ptr::null(), |text| text.as_ptr()))
-    };
-    guard(error, body).unwrap_or(std::ptr::null())
-}
+    fn tw_configuration_text(
+        configuration: Option<&Configuration>, name: Text, error: ErrorOut
+    ) -> *const c_char {
+        let body = || {
+            let configuration = need(configuration, "configuration")?;
+            let name = name.read("the parameter's name")?;
+            configuration.values.text(name).map_err(ClientError::from)?;
+            Ok(configuration.texts.get(name).map_or(std::ptr::null(), |text| text.as_ptr()))
+        };
+        guard(error, body).unwrap_or(std::ptr::null())
+    }
 
-#[unsafe(no_mangle)]
-pub(crate) extern "C" fn tw_configuration_has(configuration: Option<&Configuration>, name: Text) -> bool {
-    let body = || Ok(need(configuration, "configuration")?.values.get(name.read("the name")?).is_some());
-    guard(ErrorOut::nowhere(), body).unwrap_or(false)
-}
+    fn tw_configuration_has(configuration: Option<&Configuration>, name: Text) -> bool {
+        let body = || Ok(need(configuration, "configuration")?.values.get(name.read("the name")?).is_some());
+        guard(ErrorOut::nowhere(), body).unwrap_or(false)
+    }
 
-#[unsafe(no_mangle)]
-pub(crate) extern "C" fn tw_configuration_json(configuration: Option<&Configuration>) -> *const c_char {
-    configuration.map_or(c"{}".as_ptr(), |configuration| configuration.json.as_ptr())
-}
+    fn tw_configuration_json(configuration: Option<&Configuration>) -> *const c_char {
+        configuration.map_or(c"{}".as_ptr(), |configuration| configuration.json.as_ptr())
+    }
 
-#[unsafe(no_mangle)]
-pub(crate) extern "C" fn tw_configuration_reason(configuration: Option<&Configuration>) -> *const c_char {
-    configuration.map_or(c"".as_ptr(), |configuration| configuration.notes[1].as_ptr())
-}
+    fn tw_configuration_reason(configuration: Option<&Configuration>) -> *const c_char {
+        configuration.map_or(c"".as_ptr(), |configuration| configuration.notes[1].as_ptr())
+    }
 
-#[unsafe(no_mangle)]
-pub(crate) extern "C" fn tw_configuration_new(json: Text, error: ErrorOut) -> Option<Box<Configuration>> {
-    guard(error, || Ok(Box::new(Configuration::new(from_json(json.read("the configuration")?)?))))
-}
+    fn tw_configuration_new(json: Text; error) -> Option<Box<Configuration>> {
+        Ok(Configuration::new(from_json(json.read("the configuration")?)?))
+    }
 
-#[unsafe(no_mangle)]
-pub(crate) extern "C" fn tw_configuration_free(configuration: Option<Box<Configuration>>) {
-    drop(configuration);
+    fn tw_configuration_free(configuration: Option<Box<Configuration>>) {
+        drop(configuration);
+    }
 }

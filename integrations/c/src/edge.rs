@@ -171,9 +171,15 @@ pub(crate) fn need<T>(handle: Option<T>, what: &str) -> Result<T, Failure> {
 
 /// Room for one result of C.
 pub(crate) fn store<T>(room: Option<&mut MaybeUninit<T>>, value: T) -> Result<(), Failure> {
-    need(room, "room for the result").map(|room| {
+    put(Some(need(room, "room for the result")?), value);
+    Ok(())
+}
+
+/// Stores a result where there is room.
+pub(crate) fn put<T>(room: Option<&mut MaybeUninit<T>>, value: T) {
+    if let Some(room) = room {
         room.write(value);
-    })
+    }
 }
 
 /// Drops what C gives back.
@@ -184,9 +190,41 @@ pub(crate) fn free<T>(object: Option<Box<T>>) {
     });
 }
 
-/// Changes what there is by something that cannot be wrong.
-pub(crate) fn set<T>(object: Option<&mut T>, change: impl FnOnce(&mut T)) {
-    if let Some(object) = object {
-        change(object);
+/// The answer to C for the result of a body.
+pub(crate) trait Answer {
+    type Of;
+
+    fn of(result: Option<Self::Of>) -> Self;
+}
+
+/// Whether it succeeded.
+impl Answer for bool {
+    type Of = ();
+
+    fn of(result: Option<()>) -> Self {
+        result.is_some()
+    }
+}
+
+/// A handle, or `NULL`.
+impl<T> Answer for Option<Box<T>> {
+    type Of = T;
+
+    fn of(result: Option<T>) -> Self {
+        result.map(Box::new)
+    }
+}
+
+/// What C puts together call by call. The first mistake is kept, and the call that uses it returns it.
+pub(crate) trait Draft {
+    fn mistake(&mut self) -> &mut Option<String>;
+}
+
+/// Changes a draft; a mistake is kept for later.
+pub(crate) fn change<T: Draft>(draft: Option<&mut T>, change: impl FnOnce(&mut T) -> Result<(), String>) {
+    if let Some(draft) = draft
+        && let Err(mistake) = change(draft)
+    {
+        draft.mistake().get_or_insert(mistake);
     }
 }

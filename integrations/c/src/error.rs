@@ -76,22 +76,20 @@ impl From<ClientError> for Failure {
     }
 }
 
-#[unsafe(no_mangle)]
-pub(crate) extern "C" fn tw_error_code(error: Option<&Failure>) -> i32 {
-    error.map_or(0, |error| error.code as i32)
-}
+exports! {
+    fn tw_error_code(error: Option<&Failure>) -> i32 {
+        error.map_or(0, |error| error.code as i32)
+    }
 
-#[unsafe(no_mangle)]
-pub(crate) extern "C" fn tw_error_grpc_code(error: Option<&Failure>) -> i32 {
-    error.map_or(0, |error| error.grpc)
-}
+    fn tw_error_grpc_code(error: Option<&Failure>) -> i32 {
+        error.map_or(0, |error| error.grpc)
+    }
 
-#[unsafe(no_mangle)]
-pub(crate) extern "C" fn tw_error_message(error: Option<&Failure>) -> *const c_char {
-    error.map_or(c"".as_ptr(), |error| error.message.as_ptr())
-}
+    fn tw_error_message(error: Option<&Failure>) -> *const c_char {
+        error.map_or(c"".as_ptr(), |error| error.message.as_ptr())
+    }
 
-#[unsafe(no_mangle)]
-pub(crate) extern "C" fn tw_error_free(error: Option<Box<Failure>>) {
-    drop(error);
+    fn tw_error_free(error: Option<Box<Failure>>) {
+        drop(error);
+    }
 }

@@ -3,7 +3,9 @@
 use std::ffi::{CString, c_char};
 use std::sync::Arc;
 
-use treewright_client::{ClientError, FrontLoop, FrontQuery, Outcome, ParetoFront, TrialRecord};
+use treewright_client::{
+    ClientError, FrontLoop, FrontQuery, Measurements, Outcome, ParetoFront, TrialRecord,
+};
 
 use crate::client::Client;
 use crate::configuration::Configuration;
@@ -51,131 +53,88 @@ fn named(metrics: Array<Text>, count: usize) -> Result<Option<treewright_client:
     Ok(named.transpose().map_err(ClientError::from)?)
 }
 
-#[unsafe(no_mangle)]
-pub(crate) extern "C" fn tw_study_front(
-    study: Option<&Study>,
-    metrics: Array<Text>,
-    count: usize,
-    state: i64,
-    error: ErrorOut,
-) -> Option<Box<Front>> {
-    guard(error, || {
+exports! {
+    fn tw_study_front(
+        study: Option<&Study>, metrics: Array<Text>, count: usize, state: i64; error
+    ) -> Option<Box<Front>> {
         let state = (state != 0).then_some(state);
         let query = FrontQuery { front: named(metrics, count)?, state, reference: None };
-        Ok(Box::new(Front::new(&need(study, "study")?.0.front(&query)?)))
-    })
-}
+        Ok(Front::new(&need(study, "study")?.0.front(&query)?))
+    }
 
-#[unsafe(no_mangle)]
-pub(crate) extern "C" fn tw_front_json(front: Option<&Front>) -> *const c_char {
-    front.map_or(c"{}".as_ptr(), |front| front.0.as_ptr())
-}
+    fn tw_front_json(front: Option<&Front>) -> *const c_char {
+        front.map_or(c"{}".as_ptr(), |front| front.0.as_ptr())
+    }
 
-#[unsafe(no_mangle)]
-pub(crate) extern "C" fn tw_front_free(front: Option<Box<Front>>) {
-    free(front);
-}
+    fn tw_front_free(front: Option<Box<Front>>) {
+        free(front);
+    }
 
-#[unsafe(no_mangle)]
-pub(crate) extern "C" fn tw_client_front_runs(
-    client: Option<&Client>,
-    id: Text,
-    spec: Option<&Spec>,
-    metrics: Array<Text>,
-    count: usize,
-    planned: u32,
-    error: ErrorOut,
-) -> Option<Box<FrontRuns>> {
-    guard(error, || {
+    fn tw_client_front_runs(
+        client: Option<&Client>, id: Text, spec: Option<&Spec>, metrics: Array<Text>, count: usize,
+        planned: u32; error
+    ) -> Option<Box<FrontRuns>> {
         let front = need(named(metrics, count)?, "list of metrics")?;
         let spec = need(spec, "specification")?.of_front(&front)?;
         let client = &need(client, "client")?.0;
         let runs = FrontLoop::open(client, id.read("the study's id")?, &spec, front, planned)?;
-        Ok(Box::new(FrontRuns(Arc::new(runs))))
-    })
-}
+        Ok(FrontRuns(Arc::new(runs)))
+    }
 
-#[unsafe(no_mangle)]
-pub(crate) extern "C" fn tw_front_runs_suggest(
-    runs: Option<&FrontRuns>,
-    error: ErrorOut,
-) -> Option<Box<FrontRun>> {
-    let body = || {
-        let runs = &need(runs, "loop of the front")?.0;
-        Ok(runs.ask()?.map(|record| Box::new(FrontRun::new(runs, record))))
-    };
-    guard(error, body).flatten()
-}
+    fn tw_front_runs_suggest(runs: Option<&FrontRuns>, error: ErrorOut) -> Option<Box<FrontRun>> {
+        let body = || {
+            let runs = &need(runs, "loop of the front")?.0;
+            Ok(runs.ask()?.map(|record| Box::new(FrontRun::new(runs, record))))
+        };
+        guard(error, body).flatten()
+    }
 
-#[unsafe(no_mangle)]
-pub(crate) extern "C" fn tw_front_runs_found(
-    runs: Option<&FrontRuns>,
-    error: ErrorOut,
-) -> Option<Box<Front>> {
-    guard(error, || Ok(Box::new(Front::new(&need(runs, "loop of the front")?.0.found()))))
-}
+    fn tw_front_runs_found(runs: Option<&FrontRuns>; error) -> Option<Box<Front>> {
+        Ok(Front::new(&need(runs, "loop of the front")?.0.found()))
+    }
 
-#[unsafe(no_mangle)]
-pub(crate) extern "C" fn tw_front_runs_free(runs: Option<Box<FrontRuns>>) {
-    free(runs);
-}
+    fn tw_front_runs_free(runs: Option<Box<FrontRuns>>) {
+        free(runs);
+    }
 
-#[unsafe(no_mangle)]
-pub(crate) extern "C" fn tw_front_run_configuration(run: Option<&FrontRun>) -> Option<&Configuration> {
-    run.map(|run| &run.configuration)
-}
+    fn tw_front_run_configuration(run: Option<&FrontRun>) -> Option<&Configuration> {
+        run.map(|run| &run.configuration)
+    }
 
-#[unsafe(no_mangle)]
-pub(crate) extern "C" fn tw_front_run_trial(run: Option<&FrontRun>) -> *const c_char {
-    run.map_or(c"".as_ptr(), |run| run.trial.as_ptr())
+    fn tw_front_run_trial(run: Option<&FrontRun>) -> *const c_char {
+        run.map_or(c"".as_ptr(), |run| run.trial.as_ptr())
+    }
 }
 
 fn end(
     run: Option<Box<FrontRun>>,
-    error: ErrorOut,
-    numbers: (Array<Number>, usize),
-    outcome: impl FnOnce() -> Result<Outcome, Failure>,
-) -> bool {
-    let body = || {
-        let run = need(run, "run")?;
-        Ok(run.runs.tell(&run.record, measurements(numbers.0, numbers.1)?, &outcome()?)?)
-    };
-    guard(error, body).is_some()
+    measured: Result<Measurements, Failure>,
+    outcome: Result<Outcome, Failure>,
+) -> Result<(), Failure> {
+    let run = need(run, "run")?;
+    Ok(run.runs.tell(&run.record, measured?, &outcome?)?)
 }
 
-#[unsafe(no_mangle)]
-pub(crate) extern "C" fn tw_front_run_report(
-    run: Option<Box<FrontRun>>,
-    numbers: Array<Number>,
-    count: usize,
-    error: ErrorOut,
-) -> bool {
-    end(run, error, (numbers, count), || Ok(Outcome::Ok))
-}
+exports! {
+    fn tw_front_run_report(
+        run: Option<Box<FrontRun>>, numbers: Array<Number>, count: usize; error
+    ) -> bool {
+        end(run, measurements(numbers, count), Ok(Outcome::Ok))
+    }
 
-#[unsafe(no_mangle)]
-pub(crate) extern "C" fn tw_front_run_infeasible(
-    run: Option<Box<FrontRun>>,
-    reason: Text,
-    error: ErrorOut,
-) -> bool {
-    end(run, error, (Array::none(), 0), || Ok(Outcome::infeasible(reason.read("the reason")?)))
-}
+    fn tw_front_run_infeasible(run: Option<Box<FrontRun>>, reason: Text; error) -> bool {
+        end(run, Ok(Measurements::new()), reason.read("the reason").map(Outcome::infeasible))
+    }
 
-#[unsafe(no_mangle)]
-pub(crate) extern "C" fn tw_front_run_failed(
-    run: Option<Box<FrontRun>>,
-    reason: Text,
-    error: ErrorOut,
-) -> bool {
-    end(run, error, (Array::none(), 0), || Ok(Outcome::failed(reason.read("the reason")?)))
-}
+    fn tw_front_run_failed(run: Option<Box<FrontRun>>, reason: Text; error) -> bool {
+        end(run, Ok(Measurements::new()), reason.read("the reason").map(Outcome::failed))
+    }
 
-#[unsafe(no_mangle)]
-pub(crate) extern "C" fn tw_front_run_free(run: Option<Box<FrontRun>>) {
-    let body = || {
-        // Where that fails, its lease runs out.
-        run.map_or(Ok(()), |run| Ok(run.runs.give_back(&run.record)?))
-    };
-    guard(ErrorOut::nowhere(), body);
+    fn tw_front_run_free(run: Option<Box<FrontRun>>) {
+        let body = || {
+            // Where that fails, its lease runs out.
+            run.map_or(Ok(()), |run| Ok(run.runs.give_back(&run.record)?))
+        };
+        guard(ErrorOut::nowhere(), body);
+    }
 }

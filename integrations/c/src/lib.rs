@@ -10,6 +10,38 @@
 //! - No panic leaves the library ([`edge::guard`]).
 //! - `unsafe` code stands in [`edge`], where pointers from C become slices and text.
 
+/// Exports functions to C, of three kinds:
+///
+/// - `fn name(arguments; error) -> answer` puts a failure of its body, or a panic, where C said last; see
+///   [`edge::Answer`].
+/// - `fn name(mut draft: Draft, arguments)` changes an [`edge::Draft`] and keeps a mistake for later.
+/// - All others are exported as they are.
+macro_rules! exports {
+    () => {};
+    (fn $name:ident(mut $draft:ident: $kind:ty $(, $argument:ident: $type:ty)*) $body:block $($rest:tt)*) => {
+        #[unsafe(no_mangle)]
+        pub(crate) extern "C" fn $name($draft: Option<&mut $kind>, $($argument: $type),*) {
+            $crate::edge::change($draft, |$draft| {
+                $body;
+                Ok(())
+            });
+        }
+        exports! { $($rest)* }
+    };
+    (fn $name:ident($($argument:ident: $type:ty),*; $error:ident) -> $answer:ty $body:block $($rest:tt)*) => {
+        #[unsafe(no_mangle)]
+        pub(crate) extern "C" fn $name($($argument: $type,)* $error: $crate::edge::ErrorOut) -> $answer {
+            <$answer as $crate::edge::Answer>::of($crate::edge::guard($error, || $body))
+        }
+        exports! { $($rest)* }
+    };
+    (fn $name:ident($($argument:ident: $type:ty),*) $(-> $answer:ty)? $body:block $($rest:tt)*) => {
+        #[unsafe(no_mangle)]
+        pub(crate) extern "C" fn $name($($argument: $type),*) $(-> $answer)? $body
+        exports! { $($rest)* }
+    };
+}
+
 mod client;
 mod configuration;
 mod edge;

@@ -1,11 +1,11 @@
-//! Options of a client. The first mistake is kept, and making the client returns it.
+//! Options of a client. Making the client returns the first mistake.
 
 use std::path::Path;
 use std::time::Duration;
 
 use treewright_client::{ClientError, Credentials};
 
-use crate::edge::{ErrorOut, Text, guard, set};
+use crate::edge::{Draft, ErrorOut, Text, guard};
 use crate::error::Failure;
 
 /// Longest deadline, in milliseconds: an hour.
@@ -34,12 +34,9 @@ pub(crate) fn milliseconds(ms: f64) -> Result<Duration, String> {
     Err(format!("a deadline of {ms} ms is not within 0 to {DEADLINE_MS_MAX}"))
 }
 
-/// Changes options; a mistake is kept for later.
-fn change(options: Option<&mut Options>, change: impl FnOnce(&mut Options) -> Result<(), String>) {
-    if let Some(options) = options
-        && let Err(mistake) = change(options)
-    {
-        options.mistake.get_or_insert(mistake);
+impl Draft for Options {
+    fn mistake(&mut self) -> &mut Option<String> {
+        &mut self.mistake
     }
 }
 
@@ -48,99 +45,64 @@ fn keep(options: &mut Options, credentials: Result<Credentials, ClientError>) ->
     Ok(())
 }
 
-#[unsafe(no_mangle)]
-pub(crate) extern "C" fn tw_options_new() -> Option<Box<Options>> {
-    guard(ErrorOut::nowhere(), || Ok(Box::default()))
-}
+exports! {
+    fn tw_options_new() -> Option<Box<Options>> {
+        guard(ErrorOut::nowhere(), || Ok(Box::default()))
+    }
 
-#[unsafe(no_mangle)]
-pub(crate) extern "C" fn tw_options_free(options: Option<Box<Options>>) {
-    drop(options);
-}
+    fn tw_options_free(options: Option<Box<Options>>) {
+        drop(options);
+    }
 
-#[unsafe(no_mangle)]
-pub(crate) extern "C" fn tw_options_client_id(options: Option<&mut Options>, client_id: Text) {
-    change(options, |options| {
+    fn tw_options_client_id(mut options: Options, client_id: Text) {
         options.options.client_id = client_id.words("the client id")?.to_owned();
-        Ok(())
-    });
-}
+    }
 
-#[unsafe(no_mangle)]
-pub(crate) extern "C" fn tw_options_deadline_ms(options: Option<&mut Options>, ms: f64) {
-    change(options, |options| {
+    fn tw_options_deadline_ms(mut options: Options, ms: f64) {
         options.options.deadline = milliseconds(ms)?;
-        Ok(())
-    });
-}
+    }
 
-#[unsafe(no_mangle)]
-pub(crate) extern "C" fn tw_options_call_deadline_ms(options: Option<&mut Options>, ms: f64) {
-    change(options, |options| {
+    fn tw_options_call_deadline_ms(mut options: Options, ms: f64) {
         options.options.call_deadline = milliseconds(ms)?;
-        Ok(())
-    });
-}
+    }
 
-#[unsafe(no_mangle)]
-pub(crate) extern "C" fn tw_options_queue(options: Option<&mut Options>, reports: usize) {
-    set(options, |options| options.options.queue = reports);
-}
+    fn tw_options_queue(mut options: Options, reports: usize) {
+        options.options.queue = reports;
+    }
 
-#[unsafe(no_mangle)]
-pub(crate) extern "C" fn tw_options_can_abort(options: Option<&mut Options>, can_abort: bool) {
-    set(options, |options| options.options.can_abort = can_abort);
-}
+    fn tw_options_can_abort(mut options: Options, can_abort: bool) {
+        options.options.can_abort = can_abort;
+    }
 
-#[unsafe(no_mangle)]
-pub(crate) extern "C" fn tw_options_fidelities(options: Option<&mut Options>, fidelities: bool) {
-    set(options, |options| options.options.fidelities = fidelities);
-}
+    fn tw_options_fidelities(mut options: Options, fidelities: bool) {
+        options.options.fidelities = fidelities;
+    }
 
-#[unsafe(no_mangle)]
-pub(crate) extern "C" fn tw_options_software(options: Option<&mut Options>, name: Text, version: Text) {
-    change(options, |options| {
+    fn tw_options_software(mut options: Options, name: Text, version: Text) {
         let (name, version) = (name.words("the software's name")?, version.words("its version")?);
         options.options.fingerprint = options.options.fingerprint.clone().software(name, version);
-        Ok(())
-    });
-}
+    }
 
-#[unsafe(no_mangle)]
-pub(crate) extern "C" fn tw_options_token(options: Option<&mut Options>, token: Text) {
-    change(options, |options| {
+    fn tw_options_token(mut options: Options, token: Text) {
         let credentials = options.credentials.clone().token(token.words("the token")?);
-        keep(options, credentials)
-    });
-}
+        keep(options, credentials)?;
+    }
 
-#[unsafe(no_mangle)]
-pub(crate) extern "C" fn tw_options_token_file(options: Option<&mut Options>, path: Text) {
-    change(options, |options| {
+    fn tw_options_token_file(mut options: Options, path: Text) {
         let credentials = options.credentials.clone().token_file(Path::new(path.words("the token file")?));
-        keep(options, credentials)
-    });
-}
+        keep(options, credentials)?;
+    }
 
-#[unsafe(no_mangle)]
-pub(crate) extern "C" fn tw_options_authority_file(options: Option<&mut Options>, path: Text) {
-    change(options, |options| {
+    fn tw_options_authority_file(mut options: Options, path: Text) {
         let path = path.words("the authority file")?;
         let credentials = options.credentials.clone().authority_file(Path::new(path));
-        keep(options, credentials)
-    });
-}
+        keep(options, credentials)?;
+    }
 
-#[unsafe(no_mangle)]
-pub(crate) extern "C" fn tw_options_certificate_files(
-    options: Option<&mut Options>,
-    certificate: Text,
-    key: Text,
-) {
-    change(options, |options| {
+    fn tw_options_certificate_files(mut options: Options, certificate: Text, key: Text) {
         let (certificate, key) = (certificate.words("the certificate file")?, key.words("the key file")?);
         let credentials =
             options.credentials.clone().certificate_files(Path::new(certificate), Path::new(key));
-        keep(options, credentials)
-    });
+        keep(options, credentials)?;
+    }
 }

@@ -6,9 +6,9 @@ use glam::{DAffine3, DVec3};
 use treewright_client::Scale;
 use treewright_indicators::{Accumulator, IndicatorScale, SCHEMA, SceneIndicators, Surface, View};
 
-use crate::edge::{Array, ErrorOut, Number, Strided, Text, guard, need};
+use crate::edge::{Array, Number, Strided, Text, need};
 use crate::error::Failure;
-use crate::spec::{Spec, change};
+use crate::spec::Spec;
 
 /// A mesh in the renderer's own buffers; see the header.
 #[repr(C)]
@@ -36,6 +36,9 @@ pub(crate) struct Camera {
 
 #[derive(Debug)]
 pub(crate) struct Scene(SceneIndicators);
+
+/// The indicators.
+type Numbers = [Number; SCHEMA.len()];
 
 /// A mesh whose buffers were looked at.
 struct Buffers {
@@ -84,14 +87,8 @@ impl Buffers {
     }
 }
 
-#[unsafe(no_mangle)]
-pub(crate) extern "C" fn tw_scene_new(
-    meshes: Array<Mesh>,
-    count: usize,
-    other_lights: u32,
-    error: ErrorOut,
-) -> Option<Box<Scene>> {
-    guard(error, || {
+exports! {
+    fn tw_scene_new(meshes: Array<Mesh>, count: usize, other_lights: u32; error) -> Option<Box<Scene>> {
         let buffers: Vec<Buffers> =
             meshes.read(count, "the list of meshes")?.iter().map(Buffers::of).collect::<Result<_, _>>()?;
         let (mut min, mut max) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
@@ -105,23 +102,17 @@ pub(crate) extern "C" fn tw_scene_new(
         for mesh in &buffers {
             all.mesh(mesh.surface, mesh.triangles());
         }
-        Ok(Box::new(Scene(all.finish(other_lights))))
-    })
-}
+        Ok(Scene(all.finish(other_lights)))
+    }
 
-#[unsafe(no_mangle)]
-pub(crate) extern "C" fn tw_scene_free(scene: Option<Box<Scene>>) {
-    drop(scene);
-}
+    fn tw_scene_free(scene: Option<Box<Scene>>) {
+        drop(scene);
+    }
 
-#[unsafe(no_mangle)]
-pub(crate) extern "C" fn tw_scene_indicators(
-    scene: Option<&Scene>,
-    camera: Option<&Camera>,
-    numbers: Option<&mut MaybeUninit<[Number; SCHEMA.len()]>>,
-    error: ErrorOut,
-) -> bool {
-    let body = || {
+    fn tw_scene_indicators(
+        scene: Option<&Scene>, camera: Option<&Camera>,
+        numbers: Option<&mut MaybeUninit<Numbers>>; error
+    ) -> bool {
         let camera = need(camera, "camera")?;
         let view = View {
             position: DVec3::from(camera.position.map(f64::from)),
@@ -133,13 +124,9 @@ pub(crate) extern "C" fn tw_scene_indicators(
             std::array::from_fn(|index| Number { name: Text::of(NAMES[index]), value: values[index] });
         need(numbers, "room for the indicators")?.write(named);
         Ok(())
-    };
-    guard(error, body).is_some()
-}
+    }
 
-#[unsafe(no_mangle)]
-pub(crate) extern "C" fn tw_spec_scene_indicators(spec: Option<&mut Spec>) {
-    change(spec, |spec| {
+    fn tw_spec_scene_indicators(mut spec: Spec) {
         for one in SCHEMA {
             let scale = match one.scale {
                 IndicatorScale::Linear => Scale::Linear,
@@ -147,8 +134,7 @@ pub(crate) extern "C" fn tw_spec_scene_indicators(spec: Option<&mut Spec>) {
             };
             spec.indicator(one.name, one.min, one.max, scale);
         }
-        Ok(())
-    });
+    }
 }
 
 /// The names of [`SCHEMA`] as C has them.

@@ -1,11 +1,11 @@
-//! The specification of a study, put together call by call. The first mistake is kept, and making the study
-//! returns it, so that a program checks for errors once.
+//! The specification of a study, put together call by call. Making the study returns the first mistake, so
+//! that a program checks for errors once.
 
 use treewright_client::{
     Condition, Constraint, Domain, Front, Parameter, Policy, Scale, Space, StudyBuilder, StudySpec, Value,
 };
 
-use crate::edge::{Array, ErrorOut, Text, guard, set};
+use crate::edge::{Array, Draft, ErrorOut, Text, guard};
 use crate::error::Failure;
 
 /// A specification under construction.
@@ -109,21 +109,10 @@ impl Spec {
     }
 }
 
-/// Changes a specification; a mistake is kept for later.
-pub(crate) fn change(spec: Option<&mut Spec>, change: impl FnOnce(&mut Spec) -> Result<(), String>) {
-    if let Some(spec) = spec
-        && let Err(mistake) = change(spec)
-    {
-        spec.mistake.get_or_insert(mistake);
+impl Draft for Spec {
+    fn mistake(&mut self) -> &mut Option<String> {
+        &mut self.mistake
     }
-}
-
-/// Takes a text over; a mistake is kept for later.
-fn take(spec: Option<&mut Spec>, text: Text, what: &str, put: impl FnOnce(&mut Spec, String)) {
-    change(spec, |spec| {
-        put(spec, text.words(what)?.to_owned());
-        Ok(())
-    });
 }
 
 fn scale_of(scale: i32) -> Result<Scale, String> {
@@ -134,65 +123,30 @@ fn scale_of(scale: i32) -> Result<Scale, String> {
     }
 }
 
-#[unsafe(no_mangle)]
-pub(crate) extern "C" fn tw_spec_new() -> Option<Box<Spec>> {
-    guard(ErrorOut::nowhere(), || Ok(Box::default()))
-}
+exports! {
+    fn tw_spec_new() -> Option<Box<Spec>> {
+        guard(ErrorOut::nowhere(), || Ok(Box::default()))
+    }
 
-#[unsafe(no_mangle)]
-pub(crate) extern "C" fn tw_spec_free(spec: Option<Box<Spec>>) {
-    drop(spec);
-}
+    fn tw_spec_free(spec: Option<Box<Spec>>) {
+        drop(spec);
+    }
 
-#[unsafe(no_mangle)]
-pub(crate) extern "C" fn tw_spec_integer(
-    spec: Option<&mut Spec>,
-    name: Text,
-    min: i64,
-    max: i64,
-    default: i64,
-    scale: i32,
-) {
-    change(spec, |spec| {
+    fn tw_spec_integer(mut spec: Spec, name: Text, min: i64, max: i64, default: i64, scale: i32) {
         let domain = Domain::Integer { min, max, scale: scale_of(scale)? };
         spec.parameter(name.words("a parameter's name")?, domain, Value::Integer(default));
-        Ok(())
-    });
-}
+    }
 
-#[unsafe(no_mangle)]
-pub(crate) extern "C" fn tw_spec_float(
-    spec: Option<&mut Spec>,
-    name: Text,
-    min: f64,
-    max: f64,
-    default: f64,
-    scale: i32,
-) {
-    change(spec, |spec| {
+    fn tw_spec_float(mut spec: Spec, name: Text, min: f64, max: f64, default: f64, scale: i32) {
         let domain = Domain::Float { min, max, scale: scale_of(scale)? };
         spec.parameter(name.words("a parameter's name")?, domain, Value::Float(default));
-        Ok(())
-    });
-}
+    }
 
-#[unsafe(no_mangle)]
-pub(crate) extern "C" fn tw_spec_boolean(spec: Option<&mut Spec>, name: Text, default: bool) {
-    change(spec, |spec| {
+    fn tw_spec_boolean(mut spec: Spec, name: Text, default: bool) {
         spec.parameter(name.words("a parameter's name")?, Domain::Boolean, Value::Boolean(default));
-        Ok(())
-    });
-}
+    }
 
-#[unsafe(no_mangle)]
-pub(crate) extern "C" fn tw_spec_choice(
-    spec: Option<&mut Spec>,
-    name: Text,
-    values: Array<Text>,
-    count: usize,
-    default: Text,
-) {
-    change(spec, |spec| {
+    fn tw_spec_choice(mut spec: Spec, name: Text, values: Array<Text>, count: usize, default: Text) {
         let name = name.words("a parameter's name")?;
         let words =
             values.read(count, "the list of choices").map_err(|_| format!("{name} has no choices"))?;
@@ -200,35 +154,17 @@ pub(crate) extern "C" fn tw_spec_choice(
             words.iter().map(|word| Ok(Value::Text(word.words("a choice")?.to_owned()))).collect();
         let default = Value::Text(default.words("the default")?.to_owned());
         spec.parameter(name, Domain::Categorical { values: words? }, default);
-        Ok(())
-    });
-}
+    }
 
-#[unsafe(no_mangle)]
-pub(crate) extern "C" fn tw_spec_choice_number(
-    spec: Option<&mut Spec>,
-    name: Text,
-    values: Array<f64>,
-    count: usize,
-    default: f64,
-) {
-    change(spec, |spec| spec.numbers(&name, &values, count, default));
-}
+    fn tw_spec_choice_number(mut spec: Spec, name: Text, values: Array<f64>, count: usize, default: f64) {
+        spec.numbers(&name, &values, count, default)?;
+    }
 
-#[unsafe(no_mangle)]
-pub(crate) extern "C" fn tw_spec_choice_integer(
-    spec: Option<&mut Spec>,
-    name: Text,
-    values: Array<i64>,
-    count: usize,
-    default: i64,
-) {
-    change(spec, |spec| spec.numbers(&name, &values, count, default));
-}
+    fn tw_spec_choice_integer(mut spec: Spec, name: Text, values: Array<i64>, count: usize, default: i64) {
+        spec.numbers(&name, &values, count, default)?;
+    }
 
-#[unsafe(no_mangle)]
-pub(crate) extern "C" fn tw_spec_active_if(spec: Option<&mut Spec>, parameter: Text, value: Text) {
-    change(spec, |spec| {
+    fn tw_spec_active_if(mut spec: Spec, parameter: Text, value: Text) {
         let parameter = parameter.words("the condition's parameter")?;
         let value = spec.value_of(parameter, value.words("the condition's value")?)?;
         let last = spec.parameters.last_mut().ok_or("a condition needs a parameter that it is for")?;
@@ -239,124 +175,81 @@ pub(crate) extern "C" fn tw_spec_active_if(spec: Option<&mut Spec>, parameter: T
             }
             unset => *unset = Some(Condition { parameter: parameter.to_owned(), any_of: vec![value] }),
         }
-        Ok(())
-    });
-}
+    }
 
-#[unsafe(no_mangle)]
-pub(crate) extern "C" fn tw_spec_setup(spec: Option<&mut Spec>) {
-    change(spec, |spec| {
+    fn tw_spec_setup(mut spec: Spec) {
         spec.parameters.last_mut().ok_or("a set-up needs a parameter that it is for")?.setup = true;
-        Ok(())
-    });
-}
+    }
 
-#[unsafe(no_mangle)]
-pub(crate) extern "C" fn tw_spec_less_or_equal(spec: Option<&mut Spec>, lesser: Text, greater: Text) {
-    change(spec, |spec| {
+    fn tw_spec_less_or_equal(mut spec: Spec, lesser: Text, greater: Text) {
         let (lesser, greater) =
             (lesser.words("the lesser parameter")?, greater.words("the greater parameter")?);
         spec.constraints.push(Constraint::order(lesser, greater));
-        Ok(())
-    });
-}
+    }
 
-#[unsafe(no_mangle)]
-pub(crate) extern "C" fn tw_spec_step(spec: Option<&mut Spec>, step: i64) {
-    change(spec, |spec| {
+    fn tw_spec_step(mut spec: Spec, step: i64) {
         let Some(Parameter { name, domain: Domain::Integer { min, .. }, .. }) = spec.parameters.last() else {
             return Err("a step belongs to a whole number; call it right after tw_spec_integer".to_owned());
         };
         spec.constraints.push(Constraint::step(name, *min, step));
-        Ok(())
-    });
-}
+    }
 
-#[unsafe(no_mangle)]
-pub(crate) extern "C" fn tw_spec_constraint(spec: Option<&mut Spec>, expression: Text) {
-    change(spec, |spec| {
+    fn tw_spec_constraint(mut spec: Spec, expression: Text) {
         let constraint = Constraint::parse(expression.words("the constraint")?);
         spec.constraints.push(constraint.map_err(|error| error.to_string())?);
-        Ok(())
-    });
-}
+    }
 
-#[unsafe(no_mangle)]
-pub(crate) extern "C" fn tw_spec_indicator(
-    spec: Option<&mut Spec>,
-    name: Text,
-    min: f64,
-    max: f64,
-    scale: i32,
-) {
-    change(spec, |spec| {
+    fn tw_spec_indicator(mut spec: Spec, name: Text, min: f64, max: f64, scale: i32) {
         spec.indicator(name.words("an indicator's name")?, min, max, scale_of(scale)?);
-        Ok(())
-    });
-}
+    }
 
-#[unsafe(no_mangle)]
-pub(crate) extern "C" fn tw_spec_minimise(spec: Option<&mut Spec>, metric: Text, weight: f64) {
-    take(spec, metric, "a metric's name", |spec, metric| {
+    fn tw_spec_minimise(mut spec: Spec, metric: Text, weight: f64) {
+        let metric = metric.words("a metric's name")?.to_owned();
         spec.define(move |study| study.minimise(&metric, weight));
-    });
-}
+    }
 
-#[unsafe(no_mangle)]
-pub(crate) extern "C" fn tw_spec_maximise(spec: Option<&mut Spec>, metric: Text, weight: f64) {
-    take(spec, metric, "a metric's name", |spec, metric| {
+    fn tw_spec_maximise(mut spec: Spec, metric: Text, weight: f64) {
+        let metric = metric.words("a metric's name")?.to_owned();
         spec.define(move |study| study.maximise(&metric, weight));
-    });
-}
+    }
 
-#[unsafe(no_mangle)]
-pub(crate) extern "C" fn tw_spec_auxiliary(spec: Option<&mut Spec>, metric: Text) {
-    take(spec, metric, "a metric's name", |spec, metric| spec.say(move |study| study.auxiliary(&metric)));
-}
+    fn tw_spec_auxiliary(mut spec: Spec, metric: Text) {
+        let metric = metric.words("a metric's name")?.to_owned();
+        spec.say(move |study| study.auxiliary(&metric));
+    }
 
-#[unsafe(no_mangle)]
-pub(crate) extern "C" fn tw_spec_limit(spec: Option<&mut Spec>, metric: Text, at_least: f64, at_most: f64) {
-    // Infinity, on its own side, is no limit.
-    let at_least = Some(at_least).filter(|end| *end != f64::NEG_INFINITY);
-    let at_most = Some(at_most).filter(|end| *end != f64::INFINITY);
-    take(spec, metric, "a metric's name", |spec, metric| {
+    fn tw_spec_limit(mut spec: Spec, metric: Text, at_least: f64, at_most: f64) {
+        // Infinity, on its own side, is no limit.
+        let at_least = Some(at_least).filter(|end| *end != f64::NEG_INFINITY);
+        let at_most = Some(at_most).filter(|end| *end != f64::INFINITY);
+        let metric = metric.words("a metric's name")?.to_owned();
         spec.say(move |study| study.limit(&metric, at_least, at_most));
-    });
-}
+    }
 
-#[unsafe(no_mangle)]
-pub(crate) extern "C" fn tw_spec_episode_frames(spec: Option<&mut Spec>, frames: u32) {
-    set(spec, |spec| spec.say(move |study| study.episode_frames(frames)));
-}
+    fn tw_spec_episode_frames(mut spec: Spec, frames: u32) {
+        spec.say(move |study| study.episode_frames(frames));
+    }
 
-#[unsafe(no_mangle)]
-pub(crate) extern "C" fn tw_spec_fidelity(spec: Option<&mut Spec>, name: Text, cost: f64) {
-    take(spec, name, "a level's name", |spec, name| {
-        spec.say(move |study| study.fidelity(name.as_str(), cost))
-    });
-}
+    fn tw_spec_fidelity(mut spec: Spec, name: Text, cost: f64) {
+        let name = name.words("a level's name")?.to_owned();
+        spec.say(move |study| study.fidelity(name.as_str(), cost));
+    }
 
-#[unsafe(no_mangle)]
-pub(crate) extern "C" fn tw_spec_policy(spec: Option<&mut Spec>, field: Text, value: Text) {
-    change(spec, |spec| {
+    fn tw_spec_policy(mut spec: Spec, field: Text, value: Text) {
         let (field, value) = (field.words("a policy field")?, value.words("its value")?);
-        spec.policy.set_text(field, value).map_err(|error| error.to_string())
-    });
-}
+        spec.policy.set_text(field, value).map_err(|error| error.to_string())?;
+    }
 
-#[unsafe(no_mangle)]
-pub(crate) extern "C" fn tw_spec_display_name(spec: Option<&mut Spec>, text: Text) {
-    take(spec, text, "the display name", |spec, text| {
-        spec.say(move |study| study.display_name(text.as_str()))
-    });
-}
+    fn tw_spec_display_name(mut spec: Spec, text: Text) {
+        let text = text.words("the display name")?.to_owned();
+        spec.say(move |study| study.display_name(text.as_str()));
+    }
 
-#[unsafe(no_mangle)]
-pub(crate) extern "C" fn tw_spec_state_tolerance(spec: Option<&mut Spec>, tolerance: f64) {
-    set(spec, |spec| spec.say(move |study| study.state_tolerance(tolerance)));
-}
+    fn tw_spec_state_tolerance(mut spec: Spec, tolerance: f64) {
+        spec.say(move |study| study.state_tolerance(tolerance));
+    }
 
-#[unsafe(no_mangle)]
-pub(crate) extern "C" fn tw_spec_seed(spec: Option<&mut Spec>, seed: u64) {
-    set(spec, |spec| spec.say(move |study| study.seed(seed)));
+    fn tw_spec_seed(mut spec: Spec, seed: u64) {
+        spec.say(move |study| study.seed(seed));
+    }
 }

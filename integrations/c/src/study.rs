@@ -6,7 +6,7 @@ use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
 use treewright_client::{ConfirmationStage, Finished, Outcome, blocking};
 
 use crate::configuration::{Configuration, from_json};
-use crate::edge::{Array, ErrorOut, Number, Text, free, guard, indicators, need, store};
+use crate::edge::{Array, ErrorOut, Number, Text, free, guard, indicators, need, put, store};
 use crate::error::Failure;
 use crate::suggestion::Suggestion;
 
@@ -44,80 +44,48 @@ impl Tuner {
     }
 }
 
-#[unsafe(no_mangle)]
-pub(crate) extern "C" fn tw_study_free(study: Option<Box<Study>>) {
-    free(study);
-}
+exports! {
+    fn tw_study_free(study: Option<Box<Study>>) {
+        free(study);
+    }
 
-#[unsafe(no_mangle)]
-pub(crate) extern "C" fn tw_study_suggest(
-    study: Option<&Study>,
-    numbers: Array<Number>,
-    count: usize,
-    error: ErrorOut,
-) -> Option<Box<Suggestion>> {
-    guard(error, || {
+    fn tw_study_suggest(
+        study: Option<&Study>, numbers: Array<Number>, count: usize; error
+    ) -> Option<Box<Suggestion>> {
         let study = need(study, "study")?;
-        Ok(Box::new(Suggestion::new(study.0.suggest(&indicators(numbers, count)?))))
-    })
-}
+        Ok(Suggestion::new(study.0.suggest(&indicators(numbers, count)?)))
+    }
 
-#[unsafe(no_mangle)]
-pub(crate) extern "C" fn tw_study_trial_of(
-    study: Option<&Study>,
-    numbers: Array<Number>,
-    count: usize,
-    configuration_json: Text,
-    error: ErrorOut,
-) -> Option<Box<Suggestion>> {
-    guard(error, || {
+    fn tw_study_trial_of(
+        study: Option<&Study>, numbers: Array<Number>, count: usize, configuration_json: Text; error
+    ) -> Option<Box<Suggestion>> {
         let configuration = from_json(configuration_json.read("the configuration")?)?;
         let study = need(study, "study")?;
-        Ok(Box::new(Suggestion::new(study.0.trial_of(&indicators(numbers, count)?, &configuration)?)))
-    })
-}
+        Ok(Suggestion::new(study.0.trial_of(&indicators(numbers, count)?, &configuration)?))
+    }
 
-#[unsafe(no_mangle)]
-pub(crate) extern "C" fn tw_study_set_start(
-    study: Option<&Study>,
-    configuration_json: Text,
-    error: ErrorOut,
-) -> bool {
-    let body = || {
+    fn tw_study_set_start(study: Option<&Study>, configuration_json: Text; error) -> bool {
         let start = configuration_json.optional()?.map(from_json).transpose()?;
         Ok(need(study, "study")?.0.set_start(start.as_ref())?)
-    };
-    guard(error, body).is_some()
-}
+    }
 
-#[unsafe(no_mangle)]
-pub(crate) extern "C" fn tw_study_predict(
-    study: Option<&Study>,
-    numbers: Array<Number>,
-    count: usize,
-    cost: Option<&mut MaybeUninit<f64>>,
-    error: ErrorOut,
-) -> Option<Box<Configuration>> {
-    guard(error, || {
+    fn tw_study_predict(
+        study: Option<&Study>, numbers: Array<Number>, count: usize,
+        cost: Option<&mut MaybeUninit<f64>>; error
+    ) -> Option<Box<Configuration>> {
         let known = need(study, "study")?.0.predict(&indicators(numbers, count)?)?;
-        put(cost, known.predicted_cost.unwrap_or(f64::NAN))?;
-        Ok(Box::new(Configuration::noted(known.configuration, ["", &known.reason.summary, ""])))
-    })
-}
+        put(cost, known.predicted_cost.unwrap_or(f64::NAN));
+        Ok(Configuration::noted(known.configuration, ["", &known.reason.summary, ""]))
+    }
 
-#[unsafe(no_mangle)]
-pub(crate) extern "C" fn tw_study_best(
-    study: Option<&Study>,
-    numbers: Array<Number>,
-    count: usize,
-    cost: Option<&mut MaybeUninit<f64>>,
-    error: ErrorOut,
-) -> Option<Box<Configuration>> {
-    guard(error, || {
+    fn tw_study_best(
+        study: Option<&Study>, numbers: Array<Number>, count: usize,
+        cost: Option<&mut MaybeUninit<f64>>; error
+    ) -> Option<Box<Configuration>> {
         let best = need(study, "study")?.0.best(&indicators(numbers, count)?)?;
-        put(cost, best.cost)?;
-        Ok(Box::new(Configuration::new(best.configuration)))
-    })
+        put(cost, best.cost);
+        Ok(Configuration::new(best.configuration))
+    }
 }
 
 /// The standing of an answer; see the header.
@@ -172,74 +140,48 @@ impl Standing {
     }
 }
 
-#[unsafe(no_mangle)]
-pub(crate) extern "C" fn tw_study_best_standing(
-    study: Option<&Study>,
-    numbers: Array<Number>,
-    count: usize,
-    cost: Option<&mut MaybeUninit<f64>>,
-    standing: Option<&mut MaybeUninit<Standing>>,
-    error: ErrorOut,
-) -> Option<Box<Configuration>> {
-    guard(error, || {
+exports! {
+    fn tw_study_best_standing(
+        study: Option<&Study>, numbers: Array<Number>, count: usize, cost: Option<&mut MaybeUninit<f64>>,
+        standing: Option<&mut MaybeUninit<Standing>>; error
+    ) -> Option<Box<Configuration>> {
         let study = &need(study, "study")?.0;
         let best = study.best(&indicators(numbers, count)?)?;
         let view = study.spec().objective.view();
         let status = best.standing.map_or("", |known| known.in_short());
         let verdict = best.standing.map_or_else(String::new, |known| known.sentence_by(&view));
-        let answer =
-            Box::new(Configuration::noted(best.configuration.clone(), [status, &verdict, &best.trial]));
+        let answer = Configuration::noted(best.configuration.clone(), [status, &verdict, &best.trial]);
         store(standing, Standing::of(&best, &answer))?;
-        put(cost, best.cost)?;
+        put(cost, best.cost);
         Ok(answer)
-    })
-}
+    }
 
-#[unsafe(no_mangle)]
-pub(crate) extern "C" fn tw_study_value(study: Option<&Study>, cost: f64) -> f64 {
-    let body = || Ok(need(study, "study")?.0.spec().objective.view().value(cost));
-    guard(ErrorOut::nowhere(), body).unwrap_or(f64::NAN)
-}
+    fn tw_study_value(study: Option<&Study>, cost: f64) -> f64 {
+        let body = || Ok(need(study, "study")?.0.spec().objective.view().value(cost));
+        guard(ErrorOut::nowhere(), body).unwrap_or(f64::NAN)
+    }
 
-/// Stores a number where there is room.
-fn put(room: Option<&mut MaybeUninit<f64>>, value: f64) -> Result<(), Failure> {
-    room.map_or(Ok(()), |room| store(Some(room), value))
-}
+    fn tw_tuner_new(study: Option<&Study>; error) -> Option<Box<Tuner>> {
+        Ok(Tuner::new(&need(study, "study")?.0))
+    }
 
-#[unsafe(no_mangle)]
-pub(crate) extern "C" fn tw_tuner_new(study: Option<&Study>, error: ErrorOut) -> Option<Box<Tuner>> {
-    guard(error, || Ok(Box::new(Tuner::new(&need(study, "study")?.0))))
-}
+    fn tw_tuner_free(tuner: Option<Box<Tuner>>) {
+        free(tuner);
+    }
 
-#[unsafe(no_mangle)]
-pub(crate) extern "C" fn tw_tuner_free(tuner: Option<Box<Tuner>>) {
-    free(tuner);
-}
-
-#[unsafe(no_mangle)]
-pub(crate) extern "C" fn tw_tuner_next(
-    tuner: Option<&Tuner>,
-    numbers: Array<Number>,
-    count: usize,
-    error: ErrorOut,
-) -> Option<Box<Suggestion>> {
-    guard(error, || {
+    fn tw_tuner_next(
+        tuner: Option<&Tuner>, numbers: Array<Number>, count: usize; error
+    ) -> Option<Box<Suggestion>> {
         let indicators = indicators(numbers, count)?;
         let mut frames = need(tuner, "tuner")?.frames();
         let previous = frames.previous.take();
-        Ok(Box::new(Suggestion::new(frames.tuner.next(&indicators, previous))))
-    })
-}
+        Ok(Suggestion::new(frames.tuner.next(&indicators, previous)))
+    }
 
-#[unsafe(no_mangle)]
-pub(crate) extern "C" fn tw_tuner_finish(
-    tuner: Option<&Tuner>,
-    suggestion: Option<Box<Suggestion>>,
-    numbers: Array<Number>,
-    count: usize,
-    error: ErrorOut,
-) -> bool {
-    let body = || {
+    fn tw_tuner_finish(
+        tuner: Option<&Tuner>, suggestion: Option<Box<Suggestion>>, numbers: Array<Number>,
+        count: usize; error
+    ) -> bool {
         let tuner = need(tuner, "tuner")?;
         let suggestion = need(suggestion, "suggestion")?;
         let measured = suggestion.measured(numbers, count)?;
@@ -247,6 +189,5 @@ pub(crate) extern "C" fn tw_tuner_finish(
         // One that was not sent yet goes into the outbox here.
         drop(tuner.frames().previous.replace(finished));
         Ok(())
-    };
-    guard(error, body).is_some()
+    }
 }
