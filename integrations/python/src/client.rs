@@ -7,15 +7,15 @@ use std::time::Duration;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use treewright_client::{
-    Credentials, Front, FrontQuery, Operation, Options, Policy, PolicyChange, TextChange, TrialQuery,
-    blocking, local::LocalDaemon,
+    Credentials, Front, FrontQuery, Operation, Options, Policy, PolicyChange, StudySpec, TextChange,
+    TrialQuery, blocking, local::LocalDaemon,
 };
 
 use crate::best::Best;
 use crate::convert::{Named, Numbers, configuration_of};
 use crate::error::{Invalid, raised};
 use crate::prediction::Prediction;
-use crate::space::{Definition, Ends, Range, Space};
+use crate::space::{Ends, Range, Space};
 use crate::suggestion::{Suggestion, Tuner};
 
 /// Longest deadline, in milliseconds: an hour.
@@ -170,22 +170,30 @@ impl Client {
         episode_frames: u32,
         fidelities: Numbers,
     ) -> PyResult<Study> {
-        let policy = policy_of(policy)?;
-        let definition = Definition {
-            // By name: dictionaries have no order here, and the order is part of what a study is.
-            indicators: indicators.0.into_iter().collect(),
-            minimise: minimise.0.into_iter().collect(),
-            maximise: maximise.0.into_iter().collect(),
-            auxiliary,
-            limits: limits.0.into_iter().collect(),
-            episode_frames,
-            fidelities: fidelities.0.into_iter().collect(),
-            policy,
-            display_name,
-            state_tolerance,
-            seed,
-        };
-        let spec = definition.spec(space)?;
+        let mut study = StudySpec::builder(space.build().map_err(raised)?)
+            .display_name(display_name)
+            .episode_frames(episode_frames)
+            .seed(seed)
+            .policy(policy_of(policy)?);
+        // By name: dictionaries have no order here, and the order is part of what a study is.
+        for (name, range) in indicators.0 {
+            let (range, scale) = range.read()?;
+            study = study.indicator(&name, range, scale);
+        }
+        study = minimise.0.iter().fold(study, |study, (metric, weight)| study.minimise(metric, *weight));
+        study = maximise.0.iter().fold(study, |study, (metric, weight)| study.maximise(metric, *weight));
+        study = auxiliary.iter().fold(study, |study, metric| study.auxiliary(metric));
+        for (metric, (at_least, at_most)) in limits.0 {
+            study = study.limit(&metric, at_least, at_most);
+        }
+        // A dictionary does not say which is the cheapest.
+        let mut levels: Vec<(String, f64)> = fidelities.0.into_iter().collect();
+        levels.sort_by(|a, b| a.1.total_cmp(&b.1));
+        study = levels.into_iter().fold(study, |study, (name, cost)| study.fidelity(name, cost));
+        if let Some(tolerance) = state_tolerance {
+            study = study.state_tolerance(tolerance);
+        }
+        let spec = study.build().map_err(|error| raised(error.into()))?;
         python.detach(|| self.0.study(id, spec)).map(|study| self.holding(study)).map_err(raised)
     }
 
@@ -473,7 +481,7 @@ impl Study {
     fn best(&self, python: Python<'_>, indicators: Option<Numbers>) -> PyResult<Best> {
         let numbers = crate::convert::indicators(indicators);
         let best = python.detach(|| self.0.best(&numbers)).map_err(raised)?;
-        Ok(Best::new(best, self.0.spec().objective.view()))
+        Ok(Best::new(best, &self.0.spec().objective.view()))
     }
 
     /// The stored trials that match, e.g. ``state = COMPLETED AND cost < 12.5``; by number, or by ``cost`` or

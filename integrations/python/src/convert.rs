@@ -86,3 +86,16 @@ pub(crate) fn shown<'py>(python: Python<'py>, configuration: &Configuration) -> 
     }
     Ok(dictionary)
 }
+
+/// A configuration, which Python reads as a dictionary of bare values.
+pub(crate) struct Shown(pub(crate) Configuration);
+
+impl<'py> IntoPyObject<'py> for &Shown {
+    type Target = PyDict;
+    type Output = Bound<'py, PyDict>;
+    type Error = PyErr;
+
+    fn into_pyobject(self, python: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        shown(python, &self.0)
+    }
+}

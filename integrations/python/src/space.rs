@@ -1,13 +1,13 @@
 //! The specification of a study, put together call by call.
 
+use std::ops::RangeInclusive;
+
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
-use treewright_client::{
-    ClientError, Condition, Constraint, Domain, Parameter, Policy, Scale, StudySpec, Value,
-};
+use treewright_client::{ClientError, Condition, Constraint, Domain, Parameter, Scale, Value};
 
 use crate::convert::value_of;
-use crate::error::{Invalid, raised};
+use crate::error::Invalid;
 
 /// The tuned parameters. Every method returns the space itself; Client.study reports mistakes.
 #[pyclass(module = "treewright", frozen)]
@@ -185,63 +185,20 @@ pub(crate) enum Range {
     Scaled((f64, f64, String)),
 }
 
-/// The lower and the upper limit of a measurement; `None` for no limit on that side.
-pub(crate) type Ends = (Option<f64>, Option<f64>);
-
-/// The arguments of `Client.study`.
-pub(crate) struct Definition {
-    pub(crate) indicators: Vec<(String, Range)>,
-    pub(crate) minimise: Vec<(String, f64)>,
-    pub(crate) maximise: Vec<(String, f64)>,
-    pub(crate) auxiliary: Vec<String>,
-    pub(crate) limits: Vec<(String, Ends)>,
-    pub(crate) episode_frames: u32,
-    pub(crate) fidelities: Vec<(String, f64)>,
-    pub(crate) policy: Policy,
-    pub(crate) display_name: String,
-    pub(crate) state_tolerance: Option<f64>,
-    pub(crate) seed: u64,
-}
-
-impl Definition {
-    pub(crate) fn spec(mut self, space: &Space) -> PyResult<StudySpec> {
-        let mut builder = StudySpec::builder(space.build().map_err(raised)?).display_name(self.display_name);
-        for (name, range) in self.indicators {
-            let (min, max, log) = match range {
-                Range::Linear((min, max)) => (min, max, false),
-                Range::Scaled((min, max, scale)) => match scale.as_str() {
-                    "log" => (min, max, true),
-                    "linear" => (min, max, false),
-                    other => {
-                        return Err(Invalid::new_err(format!(
-                            "{other:?} is no scale; use \"log\" or \"linear\""
-                        )));
-                    }
-                },
-            };
-            builder = builder.indicator(&name, min..=max, scale(log));
+impl Range {
+    /// The range and its scale.
+    pub(crate) fn read(self) -> PyResult<(RangeInclusive<f64>, Scale)> {
+        let (min, max, scale) = match self {
+            Range::Linear((min, max)) => (min, max, "linear".to_owned()),
+            Range::Scaled(scaled) => scaled,
+        };
+        match scale.as_str() {
+            "log" => Ok((min..=max, Scale::Log)),
+            "linear" => Ok((min..=max, Scale::Linear)),
+            other => Err(Invalid::new_err(format!("{other:?} is no scale; use \"log\" or \"linear\""))),
         }
-        for (metric, weight) in &self.minimise {
-            builder = builder.minimise(metric, *weight);
-        }
-        for (metric, weight) in &self.maximise {
-            builder = builder.maximise(metric, *weight);
-        }
-        for metric in &self.auxiliary {
-            builder = builder.auxiliary(metric);
-        }
-        for (metric, (at_least, at_most)) in &self.limits {
-            builder = builder.limit(metric, *at_least, *at_most);
-        }
-        // A dictionary does not say which is the cheapest.
-        self.fidelities.sort_by(|a, b| a.1.total_cmp(&b.1));
-        for (name, cost) in &self.fidelities {
-            builder = builder.fidelity(name, *cost);
-        }
-        if let Some(tolerance) = self.state_tolerance {
-            builder = builder.state_tolerance(tolerance);
-        }
-        let builder = builder.episode_frames(self.episode_frames).seed(self.seed).policy(self.policy);
-        builder.build().map_err(|error| raised(error.into()))
     }
 }
+
+/// The lower and the upper limit of a measurement; `None` for no limit on that side.
+pub(crate) type Ends = (Option<f64>, Option<f64>);

@@ -3,24 +3,42 @@
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use pyo3::prelude::*;
-use pyo3::types::PyDict;
-use treewright_client::{ClientError, Configuration, Finished, Outcome, Source, blocking};
+use treewright_client::{ClientError, Finished, Outcome, Source, blocking};
 
-use crate::convert::{Numbers, measurements, shown};
+use crate::convert::{Numbers, Shown, measurements};
 use crate::error::{Invalid, raised};
 
 /// The next configuration to run, and its trial. Report it, or give it back. Leaving a ``with`` block gives
 /// back an open trial, and reports an exception as the trial's failure.
 #[pyclass(module = "treewright", frozen)]
 pub(crate) struct Suggestion {
-    configuration: Configuration,
-    source: Source,
+    /// The configuration to run with.
+    #[pyo3(get)]
+    configuration: Shown,
+    /// Where it came from: daemon, last_good or default.
+    #[pyo3(get)]
+    source: &'static str,
+    /// Name of its trial; None without the daemon.
+    #[pyo3(get)]
     trial: Option<String>,
+    /// Why this configuration, in a sentence.
+    #[pyo3(get)]
     reason: String,
+    /// Why the daemon was not the source; None when it was.
+    #[pyo3(get)]
     problem: Option<String>,
+    /// The predicted objective, where something is known.
+    #[pyo3(get)]
     predicted_cost: Option<f64>,
+    /// Stop as soon as the objective exceeds this, and call aborted; None is never.
+    #[pyo3(get)]
     abort_above: Option<f64>,
+    /// The cheaper level at which to run; None for a full trial.
+    #[pyo3(get)]
     fidelity: Option<String>,
+    /// Whether what was set up for the trial before serves this one: that was measured to its end, with these
+    /// values of all parameters with setup. Always false for loops that run side by side in a process.
+    #[pyo3(get)]
     is_prepared: bool,
     /// Until it is reported or given back.
     open: Mutex<Option<treewright_client::Suggestion>>,
@@ -37,8 +55,12 @@ pub(crate) fn ended() -> PyErr {
 impl Suggestion {
     pub(crate) fn new(inner: treewright_client::Suggestion) -> Self {
         Self {
-            configuration: inner.configuration().clone(),
-            source: inner.source(),
+            configuration: Shown(inner.configuration().clone()),
+            source: match inner.source() {
+                Source::Daemon => "daemon",
+                Source::LastGood => "last_good",
+                Source::Default => "default",
+            },
             trial: inner.trial().map(str::to_owned),
             reason: inner.reason().summary.clone(),
             problem: inner.problem().map(ToString::to_string),
@@ -64,7 +86,7 @@ impl Suggestion {
 
     /// Its trial, which is neither reported nor given back; none without the daemon.
     pub(crate) fn open_trial(&self) -> PyResult<Option<&str>> {
-        if self.is_open() { Ok(self.trial()) } else { Err(ended()) }
+        if self.is_open() { Ok(self.trial.as_deref()) } else { Err(ended()) }
     }
 
     fn end(&self, numbers: Numbers, outcome: Outcome) -> PyResult<()> {
@@ -74,65 +96,6 @@ impl Suggestion {
 
 #[pymethods]
 impl Suggestion {
-    /// The configuration to run with.
-    #[getter]
-    fn configuration<'py>(&self, python: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
-        shown(python, &self.configuration)
-    }
-
-    /// Where it came from: daemon, last_good or default.
-    #[getter]
-    fn source(&self) -> &'static str {
-        match self.source {
-            Source::Daemon => "daemon",
-            Source::LastGood => "last_good",
-            Source::Default => "default",
-        }
-    }
-
-    /// Name of its trial; None without the daemon.
-    #[getter]
-    fn trial(&self) -> Option<&str> {
-        self.trial.as_deref()
-    }
-
-    /// Why this configuration, in a sentence.
-    #[getter]
-    fn reason(&self) -> &str {
-        &self.reason
-    }
-
-    /// Why the daemon was not the source; None when it was.
-    #[getter]
-    fn problem(&self) -> Option<&str> {
-        self.problem.as_deref()
-    }
-
-    /// The predicted objective, where something is known.
-    #[getter]
-    fn predicted_cost(&self) -> Option<f64> {
-        self.predicted_cost
-    }
-
-    /// Stop as soon as the objective exceeds this, and call aborted; None is never.
-    #[getter]
-    fn abort_above(&self) -> Option<f64> {
-        self.abort_above
-    }
-
-    /// The cheaper level at which to run; None for a full trial.
-    #[getter]
-    fn fidelity(&self) -> Option<&str> {
-        self.fidelity.as_deref()
-    }
-
-    /// Whether what was set up for the trial before serves this one: that was measured to its end, with these
-    /// values of all parameters with setup. Always false for loops that run side by side in a process.
-    #[getter]
-    fn is_prepared(&self) -> bool {
-        self.is_prepared
-    }
-
     /// Whether it is neither reported nor given back.
     #[getter]
     fn is_open(&self) -> bool {
@@ -140,7 +103,7 @@ impl Suggestion {
     }
 
     fn __getitem__<'py>(&self, python: Python<'py>, name: &str) -> PyResult<Bound<'py, PyAny>> {
-        let known = shown(python, &self.configuration)?;
+        let known = self.configuration.into_pyobject(python)?;
         known.get_item(name)?.ok_or_else(|| pyo3::exceptions::PyKeyError::new_err(name.to_owned()))
     }
 
@@ -206,7 +169,7 @@ impl Suggestion {
     }
 
     fn __repr__(&self) -> String {
-        format!("<Suggestion {} from {}>", self.configuration, self.source())
+        format!("<Suggestion {} from {}>", self.configuration.0, self.source)
     }
 }
 
