@@ -23,7 +23,7 @@ use treewright_client::{
 };
 use treewright_indicators::{Accumulator, IndicatorScale, SCHEMA, Surface, View};
 
-use library::{Library, fixed, space};
+use library::{LIBRARIES, Library, fixed, space};
 use mesh::Mesh;
 
 /// The arguments of the example.
@@ -40,7 +40,7 @@ struct Arguments {
     rays: Vec<u32>,
     /// The libraries to choose from; without any, all that were compiled in (`tinybvh` by the feature of this
     /// name).
-    #[arg(long = "library", value_delimiter = ',')]
+    #[arg(long = "library", value_delimiter = ',', value_parser = library::named)]
     libraries: Vec<Library>,
     /// Rounds of the comparison with the presets.
     #[arg(long, default_value_t = 0)]
@@ -54,7 +54,7 @@ type Failure = Box<dyn std::error::Error>;
 fn main() -> Result<(), Failure> {
     let mut arguments = Arguments::parse();
     if arguments.libraries.is_empty() {
-        arguments.libraries = Library::all();
+        arguments.libraries = LIBRARIES.to_vec();
     }
     let meshes = if arguments.scenes.is_empty() {
         vec![mesh::field(), mesh::needles()]
@@ -63,7 +63,7 @@ fn main() -> Result<(), Failure> {
     };
     let options = Options::new().client_id("builders-example").deadline(Duration::from_secs(60));
     let client = Client::connect(&arguments.url, options)?;
-    let name = arguments.libraries.iter().map(|one| format!("-{}", one.name())).collect::<String>();
+    let name = arguments.libraries.iter().map(|one| format!("-{}", one.name)).collect::<String>();
     let study = client.study(&format!("builders{name}"), spec(&arguments.libraries)?)?;
     for mesh in &meshes {
         for &rays in &arguments.rays {

@@ -8,56 +8,47 @@ mod tinybvh;
 
 use std::error::Error;
 
-use clap::ValueEnum;
 use glam::Vec3A;
 use treewright_client::{Condition, Configuration, Domain, Parameter, Space, SpaceError, Value};
 
 use crate::mesh::Mesh;
 
-/// A library that builds trees. The first is the default where several may be taken.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub(crate) enum Library {
-    /// PLOC and reinsertion, binary or compressed eight-wide.
-    Obvhs,
-    /// Binary, with one shape in each leaf.
-    Bvh,
-    /// Binned or with spatial splits, binary or eight-wide for AVX2; C++ behind a Rust interface.
-    #[cfg(feature = "tinybvh")]
-    Tinybvh,
+/// A library that builds trees: its name, and the functions of its module.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Library {
+    pub(crate) name: &'static str,
+    space: fn() -> Result<Space, SpaceError>,
+    fixed: fn() -> Vec<(String, Configuration)>,
+    run: fn(&Configuration, &Mesh, u32) -> Result<Cost, Box<dyn Error>>,
 }
 
-impl Library {
-    /// Every library of this build.
-    pub(crate) fn all() -> Vec<Self> {
-        Self::value_variants().to_vec()
-    }
+/// The libraries of this build. The first is the default where several may be taken.
+pub(crate) const LIBRARIES: &[Library] = &[
+    // PLOC and reinsertion, binary or compressed eight-wide.
+    Library { name: "obvhs", space: obvhs::space, fixed: obvhs::fixed, run: obvhs::run },
+    // Binary, with one shape in each leaf.
+    Library { name: "bvh", space: bvh::space, fixed: bvh::fixed, run: bvh::run },
+    // Binned or with spatial splits, binary or eight-wide for AVX2; C++ behind a Rust interface.
+    #[cfg(feature = "tinybvh")]
+    Library { name: "tinybvh", space: tinybvh::space, fixed: tinybvh::fixed, run: tinybvh::run },
+];
 
-    pub(crate) fn name(self) -> &'static str {
-        match self {
-            Self::Obvhs => "obvhs",
-            Self::Bvh => "bvh",
-            #[cfg(feature = "tinybvh")]
-            Self::Tinybvh => "tinybvh",
-        }
-    }
+/// The library of a name.
+pub(crate) fn named(name: &str) -> Result<Library, String> {
+    let known = LIBRARIES.iter().find(|library| library.name == name).copied();
+    known.ok_or_else(|| format!("this build has no library {name}"))
 }
 
 /// The spaces of these libraries, joined below a parameter that says which is taken; the default is the first
 /// as its documentation uses it.
 pub(crate) fn space(libraries: &[Library]) -> Result<Space, SpaceError> {
-    let names: Vec<Value> = libraries.iter().map(|library| library.name().into()).collect();
+    let names: Vec<Value> = libraries.iter().map(|library| library.name.into()).collect();
     let default = names.first().cloned().unwrap_or_else(|| "".into());
     let domain = Domain::Categorical { values: names };
     let mut joined = Space::builder().with_parameter(Parameter::new("library", domain, default));
     for library in libraries {
-        let own = match library {
-            Library::Obvhs => obvhs::space()?,
-            Library::Bvh => bvh::space()?,
-            #[cfg(feature = "tinybvh")]
-            Library::Tinybvh => tinybvh::space()?,
-        };
-        for parameter in own.parameters() {
-            let mine = Condition { parameter: "library".into(), any_of: vec![library.name().into()] };
+        for parameter in (library.space)()?.parameters() {
+            let mine = Condition { parameter: "library".into(), any_of: vec![library.name.into()] };
             let active_if = parameter.active_if.clone().or(Some(mine));
             joined = joined.with_parameter(Parameter { active_if, ..parameter.clone() });
         }
@@ -69,13 +60,7 @@ pub(crate) fn space(libraries: &[Library]) -> Result<Space, SpaceError> {
 /// a library without.
 pub(crate) fn fixed(libraries: &[Library]) -> Vec<(String, Configuration)> {
     let of = |library: &Library| {
-        let fixed = match library {
-            Library::Obvhs => obvhs::fixed(),
-            Library::Bvh => bvh::fixed(),
-            #[cfg(feature = "tinybvh")]
-            Library::Tinybvh => tinybvh::fixed(),
-        };
-        let library = library.name();
+        let (fixed, library) = ((library.fixed)(), library.name);
         fixed
             .into_iter()
             .map(move |(name, settings)| (format!("{library} {name}"), settings.with("library", library)))
@@ -96,13 +81,7 @@ pub(crate) struct Cost {
 /// # Errors
 /// When the configuration lacks a value, or names one that no library of this build has.
 pub(crate) fn run(configuration: &Configuration, mesh: &Mesh, rays: u32) -> Result<Cost, Box<dyn Error>> {
-    match configuration.text("library")? {
-        "obvhs" => obvhs::run(configuration, mesh, rays),
-        "bvh" => bvh::run(configuration, mesh, rays),
-        #[cfg(feature = "tinybvh")]
-        "tinybvh" => tinybvh::run(configuration, mesh, rays),
-        other => Err(format!("this build has no library {other}").into()),
-    }
+    (named(configuration.text("library")?)?.run)(configuration, mesh, rays)
 }
 
 /// Processor time of all threads in milliseconds: what else the machine does is left out.
@@ -159,10 +138,10 @@ mod tests {
 
     #[test]
     fn every_fixed_setting_is_in_the_space_and_hits_alike() {
-        let (libraries, mesh) = (Library::all(), crate::mesh::field());
-        let space = space(&libraries).unwrap();
+        let mesh = crate::mesh::field();
+        let space = space(LIBRARIES).unwrap();
         let mut hits = Vec::new();
-        for (name, settings) in fixed(&libraries) {
+        for (name, settings) in fixed(LIBRARIES) {
             for (parameter, value) in settings.iter() {
                 let known = space.parameters().iter().find(|one| one.name == *parameter);
                 assert!(known.is_some(), "{name}: {parameter} = {value:?}");
@@ -176,9 +155,9 @@ mod tests {
 
     #[test]
     fn the_first_fixed_setting_is_the_default_of_the_space() {
-        for libraries in Library::all().iter().map(|&one| vec![one]).chain([Library::all()]) {
-            let default = Configuration::from(space(&libraries).unwrap().default_configuration());
-            let (name, first) = fixed(&libraries).swap_remove(0);
+        for libraries in LIBRARIES.chunks(1).chain([LIBRARIES]) {
+            let default = Configuration::from(space(libraries).unwrap().default_configuration());
+            let (name, first) = fixed(libraries).swap_remove(0);
             assert_eq!(default.len(), first.len(), "{name}: {default:?} {first:?}");
             for (parameter, value) in default.iter() {
                 let numbers =
