@@ -1,7 +1,6 @@
 //! Checks that find, before anything is sent, values that the service would refuse.
 
-use treewright_model::limits;
-use treewright_model::names::{NAME_RULE, is_name};
+use treewright_model::objective::check_report;
 
 use crate::{ClientError, Indicators, Measurements, Outcome, StudySpec};
 
@@ -22,35 +21,8 @@ pub(crate) fn are_one_state(spec: &StudySpec, a: &Indicators, b: &Indicators) ->
 
 /// Checks measurements on their way out.
 pub(crate) fn measurements(measurements: &Measurements) -> Result<(), ClientError> {
-    if measurements.len() > limits::MEASUREMENTS_MAX {
-        let (count, most) = (measurements.len(), limits::MEASUREMENTS_MAX);
-        return Err(ClientError::invalid(
-            "measurements",
-            format!("{count} of them; a report holds at most {most}"),
-        ));
-    }
-    for (name, value) in measurements.iter() {
-        let what = || format!("measurement `{name}`");
-        if !is_name(name) {
-            return Err(ClientError::invalid(what(), format!("it is not a name; use {NAME_RULE}")));
-        }
-        if !(value.is_finite() && value >= 0.0) {
-            return Err(ClientError::invalid(
-                what(),
-                format!("{value} is not a finite number of at least 0"),
-            ));
-        }
-    }
-    for (name, error) in &measurements.1 {
-        let what = format!("standard error of measurement `{name}`");
-        if measurements.get(name).is_none() {
-            return Err(ClientError::invalid(what, "the report has no such measurement"));
-        }
-        if !(error.is_finite() && *error >= 0.0) {
-            return Err(ClientError::invalid(what, format!("{error} is not a finite number of at least 0")));
-        }
-    }
-    Ok(())
+    let checked = check_report(&measurements.0, &measurements.1);
+    checked.map_err(|problem| ClientError::invalid("measurements", problem.to_string()))
 }
 
 /// Checks a result: with [`Outcome::Ok`] it must have every metric of the objective, and a cost unless it is

@@ -55,10 +55,6 @@ fn tuner_code(error: &TunerError) -> Code {
         | TunerError::Wanted(_)
         | TunerError::Start(_)
         | TunerError::Fingerprint
-        | TunerError::TooManyMeasurements(_)
-        | TunerError::MeasurementName(_)
-        | TunerError::StandardErrorOfNothing(_)
-        | TunerError::StandardError { .. }
         | TunerError::Objective(_)
         | TunerError::LowerBound(_)
         | TunerError::OutcomeReason

@@ -11,7 +11,9 @@ use thiserror::Error;
 
 use crate::cost_view::CostView;
 use crate::fidelity::{self, Fidelity};
-use crate::limits::{AUXILIARY_METRICS_MAX, EPISODE_FRAMES_MAX, MEASUREMENT_LIMITS_MAX, OBJECTIVE_TERMS_MAX};
+use crate::limits::{
+    AUXILIARY_METRICS_MAX, EPISODE_FRAMES_MAX, MEASUREMENT_LIMITS_MAX, MEASUREMENTS_MAX, OBJECTIVE_TERMS_MAX,
+};
 use crate::names::{NAME_RULE, is_name};
 
 /// A weighted metric.
@@ -114,11 +116,42 @@ fn refuse<T>(problem: impl Into<String>) -> Result<T, ObjectiveError> {
     Err(ObjectiveError(problem.into()))
 }
 
-/// Checks a measurement, which must be finite and not negative.
+/// Checks the measurements of a report, and their standard errors.
 ///
 /// # Errors
-/// With the metric.
-pub fn check_measurement(metric: &str, value: f64) -> Result<(), ObjectiveError> {
+/// [`ObjectiveError`] with the first that is misspelt, not finite or negative, with a standard error of no
+/// measurement, or with the number of too many.
+pub fn check_report(
+    measurements: &BTreeMap<String, f64>,
+    standard_errors: &BTreeMap<String, f64>,
+) -> Result<(), ObjectiveError> {
+    let count = measurements.len();
+    if count > MEASUREMENTS_MAX {
+        return refuse(format!("{count} measurements; at most {MEASUREMENTS_MAX} are allowed"));
+    }
+    for (metric, &value) in measurements {
+        if !is_name(metric) {
+            return refuse(format!("measurement {metric:?} is not a name; use {NAME_RULE}"));
+        }
+        check_measurement(metric, value)?;
+    }
+    for (metric, &error) in standard_errors {
+        if !measurements.contains_key(metric) {
+            return refuse(format!(
+                "standard error of {metric:?}: the report has no such measurement; leave it out"
+            ));
+        }
+        if !error.is_finite() || error < 0.0 {
+            return refuse(format!(
+                "standard error of {metric:?} is {error}; it must be finite and not negative"
+            ));
+        }
+    }
+    Ok(())
+}
+
+/// Checks a measurement, which must be finite and not negative.
+fn check_measurement(metric: &str, value: f64) -> Result<(), ObjectiveError> {
     if value.is_finite() && value >= 0.0 {
         return Ok(());
     }

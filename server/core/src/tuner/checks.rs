@@ -1,13 +1,9 @@
 //! Checks of clients' input: nothing malformed and no infinite number gets into the tuner.
 
-use std::collections::BTreeMap;
-
 use crate::limits::{
-    CLIENT_ID_CHARACTERS_MAX, FINGERPRINT_SOFTWARE_MAX, FINGERPRINT_TEXT_CHARACTERS_MAX, MEASUREMENTS_MAX,
+    CLIENT_ID_CHARACTERS_MAX, FINGERPRINT_SOFTWARE_MAX, FINGERPRINT_TEXT_CHARACTERS_MAX,
     ORIGIN_CHARACTERS_MAX, OUTCOME_REASON_CHARACTERS_MAX,
 };
-use crate::names::is_name;
-use crate::objective::check_measurement;
 use crate::trial::{Fingerprint, Outcome};
 use crate::tuner::TunerError;
 
@@ -34,35 +30,6 @@ pub(super) fn fingerprint(fingerprint: Option<&Fingerprint>) -> Result<(), Tuner
     let mut texts = [cpu_model, isa].into_iter().chain(software.iter().flat_map(|(k, v)| [k, v]));
     let fits = texts.all(|text| text.chars().count() <= FINGERPRINT_TEXT_CHARACTERS_MAX);
     if fits && software.len() <= FINGERPRINT_SOFTWARE_MAX { Ok(()) } else { Err(TunerError::Fingerprint) }
-}
-
-pub(super) fn measurements(measurements: &BTreeMap<String, f64>) -> Result<(), TunerError> {
-    if measurements.len() > MEASUREMENTS_MAX {
-        return Err(TunerError::TooManyMeasurements(measurements.len()));
-    }
-    for (name, &value) in measurements {
-        if !is_name(name) {
-            return Err(TunerError::MeasurementName(name.clone()));
-        }
-        check_measurement(name, value)?;
-    }
-    Ok(())
-}
-
-/// Standard errors are of measurements of their own report.
-pub(super) fn standard_errors(
-    errors: &BTreeMap<String, f64>,
-    measurements: &BTreeMap<String, f64>,
-) -> Result<(), TunerError> {
-    for (name, &error) in errors {
-        if !measurements.contains_key(name) {
-            return Err(TunerError::StandardErrorOfNothing(name.clone()));
-        }
-        if !error.is_finite() || error < 0.0 {
-            return Err(TunerError::StandardError { metric: name.clone(), error });
-        }
-    }
-    Ok(())
 }
 
 pub(super) fn outcome(outcome: &Outcome) -> Result<(), TunerError> {

@@ -75,6 +75,7 @@ pub use types::{
 use crate::configuration::{Configuration, RawConfiguration};
 use crate::decision::{Choice, Decision};
 use crate::ids::{StateId, TrialNumber};
+use crate::objective::check_report;
 use crate::policy::Policy;
 use crate::predict::Predictors;
 use crate::study::{StudyError, StudySpec};
@@ -268,8 +269,7 @@ impl Tuner {
             (None, TrialState::Expired) if self.is_ours(trial) => trial,
             (None, _) => return Err(TunerError::UnknownTrial(number)),
         };
-        checks::measurements(&measurements)?;
-        checks::standard_errors(&standard_errors, &measurements)?;
+        check_report(&measurements, &standard_errors)?;
         checks::outcome(&outcome)?;
         let completed = self.completed(trial, measurements, outcome, now_ms)?;
         let completed = Trial { standard_errors, ..completed };

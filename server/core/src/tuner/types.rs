@@ -12,10 +12,9 @@ use crate::decision::{Decision, Exploit, ExplorationEstimate, ExploreRule};
 use crate::indicator::IndicatorError;
 use crate::limits::{
     CLIENT_ID_CHARACTERS_MAX, CLIENTS_MAX, FINGERPRINT_SOFTWARE_MAX, FINGERPRINT_TEXT_CHARACTERS_MAX,
-    LEASES_LOST_MAX, MEASUREMENTS_MAX, OPEN_TRIALS_PER_CLIENT_MAX, ORIGIN_CHARACTERS_MAX,
-    OUTCOME_REASON_CHARACTERS_MAX, STATES_MAX,
+    LEASES_LOST_MAX, OPEN_TRIALS_PER_CLIENT_MAX, ORIGIN_CHARACTERS_MAX, OUTCOME_REASON_CHARACTERS_MAX,
+    STATES_MAX,
 };
-use crate::names::NAME_RULE;
 use crate::objective::ObjectiveError;
 use crate::session::SessionPolicy;
 use crate::space::{EarlierSpaces, Space, SpaceError};
@@ -322,23 +321,6 @@ pub enum TunerError {
         "client {0:?} holds {OPEN_TRIALS_PER_CLIENT_MAX} open trials, which is the limit; report or abandon some"
     )]
     TooManyOpenTrials(String),
-    /// Too many measurements.
-    #[error("{0} measurements; at most {MEASUREMENTS_MAX} are allowed")]
-    TooManyMeasurements(usize),
-    /// A measurement is not spelt like a name.
-    #[error("measurement {0:?} is not a name; use {NAME_RULE}")]
-    MeasurementName(String),
-    /// A standard error is of no measurement of the report.
-    #[error("standard error of {0:?}: the report has no such measurement; leave it out")]
-    StandardErrorOfNothing(String),
-    /// A standard error is not usable.
-    #[error("standard error of {metric:?} is {error}; it must be finite and not negative")]
-    StandardError {
-        /// The metric.
-        metric: String,
-        /// As given.
-        error: f64,
-    },
     /// A measurement, or the objective computed from them, is not usable.
     #[error(transparent)]
     Objective(#[from] ObjectiveError),
