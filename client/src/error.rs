@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use crate::attach::REQUEST_ID;
-use crate::{NoSuchValue, PolicyError, SpaceError, StudyError};
+use crate::{FrontError, NoSuchValue, PolicyError, SpaceError, StudyError};
 
 /// Why a call did not succeed.
 #[derive(Debug, Clone, thiserror::Error)]
@@ -140,22 +140,23 @@ pub enum ClientError {
     },
 }
 
-impl From<SpaceError> for ClientError {
-    fn from(error: SpaceError) -> Self {
-        Self::invalid("space", error.to_string())
-    }
+macro_rules! invalid {
+    ($($error:ty => $what:literal;)+) => {
+        $(
+            impl From<$error> for ClientError {
+                fn from(error: $error) -> Self {
+                    Self::invalid($what, error.to_string())
+                }
+            }
+        )+
+    };
 }
 
-impl From<StudyError> for ClientError {
-    fn from(error: StudyError) -> Self {
-        Self::invalid("study", error.to_string())
-    }
-}
-
-impl From<PolicyError> for ClientError {
-    fn from(error: PolicyError) -> Self {
-        Self::invalid("policy", error.to_string())
-    }
+invalid! {
+    FrontError => "metrics of a front";
+    PolicyError => "policy";
+    SpaceError => "space";
+    StudyError => "study";
 }
 
 /// An error that several handles share.

@@ -6,7 +6,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use treewright_model::front::{Front, FrontError};
+use treewright_model::front::Front;
 
 use crate::{ClientError, Configuration, Indicators, Measurements, OpenEnum, Outcome, Question, TrialRecord};
 
@@ -16,12 +16,6 @@ const FIRST_PART: u32 = 4;
 const SPARE: usize = 8;
 /// Most characters that are kept of a client's name in that of its carried trials.
 const CLIENT_CHARACTERS: usize = 120;
-
-impl From<FrontError> for ClientError {
-    fn from(error: FrontError) -> Self {
-        Self::invalid("metrics of a front", error.to_string())
-    }
-}
 
 impl TrialRecord {
     /// Whether it repeats the result of a run of its study for another direction of a front. It is no run,
@@ -42,33 +36,9 @@ impl TrialRecord {
 
 /// The trials of a front so far, and what follows from them. One program at a time adds to a front.
 ///
-/// ```no_run
-/// # use treewright_client::{blocking::Client, ClientError, Front, FrontHistory, Measurements};
-/// # use treewright_client::{Outcome, Question, Scale, SessionPolicy, Space, StudySpec, TrialQuery};
-/// # fn run() -> Measurements { Measurements::from([("time_ms", 1.0), ("memory_mb", 1.0)]) }
-/// # fn tune(client: &Client, space: Space) -> Result<(), ClientError> {
-/// let front = Front::new(&["time_ms", "memory_mb"])?;
-/// let spec = StudySpec::builder(space)
-///     .indicator(Front::DIRECTION, front.range(), Scale::Linear)
-///     .minimise(Front::COST, 1.0);
-/// let study = client.create_study("lists", &spec.build().expect("a good study"))?.identified_name();
-/// let known = client.trials(&study, TrialQuery::all()).collect::<Result<_, _>>()?;
-/// let mut history = FrontHistory::new(front, known, 60);
-/// for _ in 0..60 {
-///     let Some(direction) = history.next_direction() else { break };
-///     let session_policy = SessionPolicy { epsilon: Some(1.0), ..Default::default() };
-///     let question = Question { session_policy, ..Question::default() };
-///     let trial = client.ask(&study, &history.question(direction, question))?;
-///     let measured = history.with_cost(&trial, run())?;
-///     history.push(client.tell(&trial.name, &measured, &Outcome::Ok)?.0);
-///     for (question, measured, outcome) in history.owed() {
-///         let carried = client.ask(&study, &question)?;
-///         history.push(client.tell(&carried.name, &measured, &outcome)?.0);
-///     }
-/// }
-/// # Ok(())
-/// # }
-/// ```
+/// [`crate::FrontLoop`] is a loop over it: it asks each [`FrontHistory::question`] in the
+/// [`FrontHistory::next_direction`], reports the run [`FrontHistory::with_cost`], and does the same with all
+/// that is [`FrontHistory::owed`]. Every stored trial is [pushed](FrontHistory::push).
 #[derive(Debug, Clone)]
 pub struct FrontHistory {
     front: Front,

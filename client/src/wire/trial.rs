@@ -93,25 +93,4 @@ mod tests {
         let trial = v1::Trial { name: "studies/s/trials/7".into(), state: 1, ..v1::Trial::default() };
         assert_eq!(trial_from_wire(trial).unwrap().number(), Some(7));
     }
-
-    #[test]
-    fn what_a_newer_daemon_says_is_shown_as_such() {
-        let values = [("quality".to_owned(), v1::Value::default())].into();
-        let trial = v1::Trial {
-            name: "studies/s/trials/7".into(),
-            mode: 17,
-            state: 18,
-            outcome: Some(v1::Outcome::default()),
-            configuration: Some(v1::Configuration { values }),
-            ..v1::Trial::default()
-        };
-        let read = trial_from_wire(trial).unwrap();
-        assert_eq!(read.mode.to_string(), "unrecognised (17)");
-        assert_eq!(read.state, OpenEnum::Unrecognised(18));
-        assert_eq!(read.outcome, Some(OpenEnum::Unrecognised(0)));
-        assert_eq!(read.unreadable, ["quality"]);
-        let json = serde_json::to_value(&read).unwrap();
-        assert_eq!(json["mode"], "unrecognised (17)");
-        assert_eq!(json["outcome"], "unrecognised");
-    }
 }

@@ -63,6 +63,8 @@ async fn unknown_modes_and_rules_are_run_and_shown() {
     let trials = client.trials("scene", TrialQuery::all()).take(10).await.unwrap();
     assert_eq!(trials[0].outcome, Some(OpenEnum::Unrecognised(0)));
     assert_eq!(trials[0].state.to_string(), "unrecognised (9)");
+    let json = serde_json::to_value(&trials[0]).unwrap();
+    assert_eq!([&json["mode"], &json["outcome"]], ["unrecognised (17)", "unrecognised"]);
 }
 
 #[tokio::test]

@@ -42,11 +42,18 @@ pub(crate) fn indicators(numbers: Option<Numbers>) -> Indicators {
     numbers.unwrap_or_default().0.into_iter().collect()
 }
 
-/// Measurements, and the standard errors of some of them.
-pub(crate) fn measurements(numbers: Numbers, errors: Option<Numbers>) -> Measurements {
+/// Measurements from a dictionary and from keywords, and the standard errors of some of them.
+pub(crate) fn measurements(
+    numbers: Option<Numbers>,
+    named: Option<Numbers>,
+    errors: Option<Numbers>,
+) -> Measurements {
+    let mut all = numbers.unwrap_or_default().0;
+    all.extend(named.unwrap_or_default().0);
     let errors = errors.unwrap_or_default().0.into_iter();
-    let measured: Measurements = numbers.0.into_iter().collect();
-    errors.fold(measured, |all, (name, error)| all.with_standard_error(name, error))
+    errors.fold(all.into_iter().collect(), |all: Measurements, (name, error)| {
+        all.with_standard_error(name, error)
+    })
 }
 
 /// A Python value as one of a parameter. A `bool` is an `int` to Python, so it is asked for first.

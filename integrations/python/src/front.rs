@@ -7,7 +7,7 @@ use pyo3::types::PyDict;
 use treewright_client::{ClientError, FrontLoop, Measurements, Outcome, StudySpec, TrialRecord};
 
 use crate::client::{Client, policy_of};
-use crate::convert::{Named, Numbers, measurements, shown};
+use crate::convert::{Named, Numbers, shown};
 use crate::error::raised;
 use crate::space::{Ends, Space};
 use crate::suggestion::{ended, lock};
@@ -129,19 +129,17 @@ impl FrontTrial {
         measurements: Option<Numbers>,
         named: Option<Numbers>,
     ) -> PyResult<()> {
-        let mut all = measurements.unwrap_or_default();
-        all.0.extend(named.unwrap_or_default().0);
-        self.end(python, crate::convert::measurements(all, None), &Outcome::Ok)
+        self.end(python, crate::convert::measurements(measurements, named, None), &Outcome::Ok)
     }
 
     /// The configuration cannot work.
     fn infeasible(&self, python: Python<'_>, reason: String) -> PyResult<()> {
-        self.end(python, measurements(Numbers::default(), None), &Outcome::infeasible(reason))
+        self.end(python, Measurements::new(), &Outcome::infeasible(reason))
     }
 
     /// It failed for a reason that says nothing about the configuration.
     fn failed(&self, python: Python<'_>, reason: String) -> PyResult<()> {
-        self.end(python, measurements(Numbers::default(), None), &Outcome::failed(reason))
+        self.end(python, Measurements::new(), &Outcome::failed(reason))
     }
 
     /// Gives the run back unmeasured. Where that fails, its lease runs out.

@@ -3,9 +3,9 @@
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use pyo3::prelude::*;
-use treewright_client::{ClientError, Finished, Outcome, Source, blocking};
+use treewright_client::{ClientError, Finished, Measurements, Outcome, Source, blocking};
 
-use crate::convert::{Numbers, Shown, measurements};
+use crate::convert::{Numbers, Shown};
 use crate::error::{Invalid, raised};
 
 /// The next configuration to run, and its trial. Report it, or give it back. Leaving a ``with`` block gives
@@ -89,8 +89,8 @@ impl Suggestion {
         if self.is_open() { Ok(self.trial.as_deref()) } else { Err(ended()) }
     }
 
-    fn end(&self, numbers: Numbers, outcome: Outcome) -> PyResult<()> {
-        self.take()?.report(measurements(numbers, None), outcome).map_err(raised)
+    fn end(&self, measured: Measurements, outcome: Outcome) -> PyResult<()> {
+        self.take()?.report(measured, outcome).map_err(raised)
     }
 }
 
@@ -116,25 +116,23 @@ impl Suggestion {
         standard_errors: Option<Numbers>,
         named: Option<Numbers>,
     ) -> PyResult<()> {
-        let mut all = measurements.unwrap_or_default();
-        all.0.extend(named.unwrap_or_default().0);
-        let measured = crate::convert::measurements(all, standard_errors);
-        self.take()?.report(measured, Outcome::Ok).map_err(raised)
+        let measured = crate::convert::measurements(measurements, named, standard_errors);
+        self.end(measured, Outcome::Ok)
     }
 
     /// It was stopped early: the objective is at least this.
     fn aborted(&self, lower_bound: f64) -> PyResult<()> {
-        self.end(Numbers::default(), Outcome::aborted(lower_bound))
+        self.end(Measurements::new(), Outcome::aborted(lower_bound))
     }
 
     /// The configuration cannot work for this input.
     fn infeasible(&self, reason: String) -> PyResult<()> {
-        self.end(Numbers::default(), Outcome::infeasible(reason))
+        self.end(Measurements::new(), Outcome::infeasible(reason))
     }
 
     /// It failed for a reason that says nothing about the configuration.
     fn failed(&self, reason: String) -> PyResult<()> {
-        self.end(Numbers::default(), Outcome::failed(reason))
+        self.end(Measurements::new(), Outcome::failed(reason))
     }
 
     /// Gives the trial back unmeasured.
@@ -159,10 +157,7 @@ impl Suggestion {
             && exception.is_instance_of::<pyo3::exceptions::PyException>()
         {
             inner
-                .report(
-                    treewright_client::Measurements::new(),
-                    Outcome::failed(exception.repr()?.to_string()),
-                )
+                .report(Measurements::new(), Outcome::failed(exception.repr()?.to_string()))
                 .map_err(raised)?;
         }
         Ok(false)
@@ -209,9 +204,7 @@ impl Tuner {
         standard_errors: Option<Numbers>,
         named: Option<Numbers>,
     ) -> PyResult<()> {
-        let mut all = measurements.unwrap_or_default();
-        all.0.extend(named.unwrap_or_default().0);
-        let measured = crate::convert::measurements(all, standard_errors);
+        let measured = crate::convert::measurements(measurements, named, standard_errors);
         let finished = suggestion.take()?.finished(measured, Outcome::Ok).map_err(raised)?;
         // The lock may be held by a call that waits and needs no interpreter.
         drop(python.detach(|| lock(&self.0).1.replace(finished)));
