@@ -3,7 +3,7 @@
 
 use std::fmt::Write as _;
 
-use serde::{Deserialize, Serialize};
+use crate::findings::Findings;
 
 /// Below this gain of the whole program nothing is worth the work.
 const WORTH_IT: f64 = 1.10;
@@ -13,37 +13,6 @@ const FASTER_TREE: f64 = 1.5;
 const FASTER_BUILD: f64 = 3.0;
 /// `RTC_SCENE_FLAG_ROBUST`.
 const ROBUST: u32 = 1 << 2;
-
-/// Counts and times of one kind of query.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub(crate) struct Queries {
-    pub(crate) calls: u64,
-    pub(crate) rays: u64,
-    /// Of all threads together, estimated from looks.
-    pub(crate) total_ms: f64,
-}
-
-/// The file that the preloaded library wrote.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub(crate) struct Findings {
-    pub(crate) closest: Queries,
-    pub(crate) occluded: Queries,
-    pub(crate) builds: u64,
-    pub(crate) build_wall_ms: f64,
-    /// Processor time of the whole process meanwhile.
-    pub(crate) build_cpu_ms: f64,
-    pub(crate) primitives: u64,
-    pub(crate) devices: u64,
-    /// All scene flags that were asked for.
-    pub(crate) flags: u32,
-    /// One bit for each quality that was asked for.
-    pub(crate) qualities: u32,
-    pub(crate) threads: u64,
-    pub(crate) cpu_ms: f64,
-    pub(crate) wall_ms: f64,
-    pub(crate) device: String,
-    pub(crate) embree: String,
-}
 
 /// The speedup of the whole when a share of it becomes faster by a factor.
 fn amdahl(share: f64, faster: f64) -> f64 {
@@ -135,6 +104,7 @@ impl Findings {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::findings::Queries;
 
     fn found(traversal_ms: f64, build_ms: f64, flags: u32) -> Findings {
         let closest = Queries { calls: 10, rays: 10, total_ms: traversal_ms };

@@ -12,10 +12,11 @@
 
 use std::cell::Cell;
 use std::ffi::{CStr, c_char, c_int};
-use std::fmt::Write as _;
 use std::sync::atomic::{AtomicI32, AtomicU8, AtomicU32, AtomicU64, AtomicUsize, Ordering::Relaxed};
-use std::sync::{Mutex, Once, OnceLock};
+use std::sync::{LazyLock, Mutex, Once, OnceLock};
 use std::time::{Duration, Instant};
+
+use crate::findings::{self, Findings};
 
 /// Kinds of queries.
 #[derive(Clone, Copy)]
@@ -79,38 +80,20 @@ impl Shard {
     }
 }
 
-/// Everything that is counted.
-pub(crate) struct Room {
-    shards: OnceLock<Box<[Shard]>>,
-    threads: AtomicUsize,
-    building: AtomicUsize,
-    builds: AtomicU64,
-    build_wall_ns: AtomicU64,
-    build_cpu_ns: AtomicU64,
-    triangles: AtomicU64,
-    devices: AtomicU64,
-    flags: AtomicU32,
-    qualities: AtomicU32,
-    device: Mutex<String>,
-    path: OnceLock<Option<String>>,
-    began_ns: AtomicU64,
-}
-
-pub(crate) static ROOM: Room = Room {
-    shards: OnceLock::new(),
-    threads: AtomicUsize::new(0),
-    building: AtomicUsize::new(0),
-    builds: AtomicU64::new(0),
-    build_wall_ns: AtomicU64::new(0),
-    build_cpu_ns: AtomicU64::new(0),
-    triangles: AtomicU64::new(0),
-    devices: AtomicU64::new(0),
-    flags: AtomicU32::new(0),
-    qualities: AtomicU32::new(0),
-    device: Mutex::new(String::new()),
-    path: OnceLock::new(),
-    began_ns: AtomicU64::new(0),
-};
+static SHARDS_OF_THREADS: LazyLock<Box<[Shard]>> =
+    LazyLock::new(|| (0..SHARDS).map(|_| Shard::default()).collect());
+static THREADS: AtomicUsize = AtomicUsize::new(0);
+static BUILDING: AtomicUsize = AtomicUsize::new(0);
+static BUILDS: AtomicU64 = AtomicU64::new(0);
+static BUILD_WALL_NS: AtomicU64 = AtomicU64::new(0);
+static BUILD_CPU_NS: AtomicU64 = AtomicU64::new(0);
+static TRIANGLES: AtomicU64 = AtomicU64::new(0);
+static DEVICES: AtomicU64 = AtomicU64::new(0);
+static FLAGS: AtomicU32 = AtomicU32::new(0);
+static QUALITIES: AtomicU32 = AtomicU32::new(0);
+static DEVICE: Mutex<String> = Mutex::new(String::new());
+static PATH: OnceLock<Option<String>> = OnceLock::new();
+static BEGAN_NS: AtomicU64 = AtomicU64::new(0);
 
 thread_local! {
     static MINE: Cell<Option<&'static Shard>> = const { Cell::new(None) };
@@ -123,15 +106,9 @@ fn clock_ns(clock: libc::clockid_t) -> u64 {
     (now.tv_sec as u64).wrapping_mul(1_000_000_000).wrapping_add(now.tv_nsec as u64)
 }
 
-impl Room {
-    pub(crate) fn begin(&self) {
-        self.began_ns.store(clock_ns(libc::CLOCK_MONOTONIC), Relaxed);
-        self.path.get_or_init(|| std::env::var("TREEWRIGHT_PROBE").ok());
-    }
-
-    fn shards(&self) -> &[Shard] {
-        self.shards.get_or_init(|| (0..SHARDS).map(|_| Shard::default()).collect())
-    }
+pub(crate) fn begin() {
+    BEGAN_NS.store(clock_ns(libc::CLOCK_MONOTONIC), Relaxed);
+    PATH.get_or_init(|| std::env::var("TREEWRIGHT_PROBE").ok());
 }
 
 /// Adds to a number that this thread alone writes, but for the last shard: what threads beyond [`SHARDS`]
@@ -161,8 +138,8 @@ pub(crate) fn count(kind: Kind, rays: u64, weight: u64, run: impl FnOnce()) {
 #[cold]
 fn take_place(mine: &Cell<Option<&'static Shard>>) -> &'static Shard {
     static LOOKING: Once = Once::new();
-    let taken = ROOM.threads.fetch_add(1, Relaxed).min(SHARDS - 1);
-    let shard = &ROOM.shards()[taken];
+    let taken = THREADS.fetch_add(1, Relaxed).min(SHARDS - 1);
+    let shard = &SHARDS_OF_THREADS[taken];
     mine.set(Some(shard));
     let mut clock = 0;
     // SAFETY: the thread is alive, and there is room for the answer.
@@ -217,14 +194,14 @@ fn look() {
 /// Queries that were counted so far.
 fn counted() -> u64 {
     let calls = |shard: &Shard| shard.queries.iter().map(|one| one.calls.load(Relaxed)).sum::<u64>();
-    ROOM.shards().iter().map(calls).sum()
+    SHARDS_OF_THREADS.iter().map(calls).sum()
 }
 
 /// Reads the threads' processor clocks, and attributes the time since the last look, times `weight`, to each
 /// thread's present work.
 fn look_once(before: &mut [u64; SHARDS], weight: u64) {
-    let threads = ROOM.threads.load(Relaxed).min(SHARDS - 1);
-    for (shard, before) in ROOM.shards().iter().zip(before).take(threads) {
+    let threads = THREADS.load(Relaxed).min(SHARDS - 1);
+    for (shard, before) in SHARDS_OF_THREADS.iter().zip(before).take(threads) {
         let within = usize::from(shard.within.load(Relaxed));
         let clock = shard.clock.load(Relaxed);
         if clock == 0 {
@@ -245,24 +222,24 @@ fn look_once(before: &mut [u64; SHARDS], weight: u64) {
 /// Runs a build and times it. Of builds at one time, and of threads that join one, the first is timed: the
 /// processor time is the whole process's.
 pub(crate) fn timed(joins: bool, run: impl FnOnce()) {
-    if ROOM.building.fetch_add(1, Relaxed) > 0 {
+    if BUILDING.fetch_add(1, Relaxed) > 0 {
         run();
-        ROOM.building.fetch_sub(1, Relaxed);
-        ROOM.builds.fetch_add(u64::from(!joins), Relaxed);
+        BUILDING.fetch_sub(1, Relaxed);
+        BUILDS.fetch_add(u64::from(!joins), Relaxed);
         return;
     }
     let (wall, cpu) = (clock_ns(libc::CLOCK_MONOTONIC), clock_ns(libc::CLOCK_PROCESS_CPUTIME_ID));
     run();
-    ROOM.building.fetch_sub(1, Relaxed);
-    ROOM.builds.fetch_add(1, Relaxed);
-    ROOM.build_wall_ns.fetch_add(clock_ns(libc::CLOCK_MONOTONIC).saturating_sub(wall), Relaxed);
-    ROOM.build_cpu_ns.fetch_add(clock_ns(libc::CLOCK_PROCESS_CPUTIME_ID).saturating_sub(cpu), Relaxed);
+    BUILDING.fetch_sub(1, Relaxed);
+    BUILDS.fetch_add(1, Relaxed);
+    BUILD_WALL_NS.fetch_add(clock_ns(libc::CLOCK_MONOTONIC).saturating_sub(wall), Relaxed);
+    BUILD_CPU_NS.fetch_add(clock_ns(libc::CLOCK_PROCESS_CPUTIME_ID).saturating_sub(cpu), Relaxed);
 }
 
 pub(crate) fn note_device(config: *const c_char) {
-    ROOM.devices.fetch_add(1, Relaxed);
+    DEVICES.fetch_add(1, Relaxed);
     if !config.is_null()
-        && let Ok(mut device) = ROOM.device.try_lock()
+        && let Ok(mut device) = DEVICE.try_lock()
     {
         // SAFETY: Embree asks for text that ends in a zero.
         *device = unsafe { CStr::from_ptr(config) }.to_string_lossy().chars().take(200).collect();
@@ -270,61 +247,53 @@ pub(crate) fn note_device(config: *const c_char) {
 }
 
 pub(crate) fn note_flags(flags: c_int) {
-    ROOM.flags.fetch_or(flags as u32, Relaxed);
+    FLAGS.fetch_or(flags as u32, Relaxed);
 }
 
 pub(crate) fn note_quality(quality: c_int) {
-    ROOM.qualities.fetch_or(1 << (quality & 7), Relaxed);
+    QUALITIES.fetch_or(1 << (quality & 7), Relaxed);
 }
 
 /// `RTC_BUFFER_TYPE_INDEX` is 0; curves and quads count as triangles, too.
 pub(crate) fn note_triangles(kind: c_int, items: usize) {
     if kind == 0 {
-        ROOM.triangles.fetch_add(items as u64, Relaxed);
+        TRIANGLES.fetch_add(items as u64, Relaxed);
     }
 }
 
 /// Writes the counts so far over the last file. A failure to write is ignored.
 pub(crate) fn write() {
-    let Some(Some(path)) = ROOM.path.get() else { return };
-    if ROOM.devices.load(Relaxed) == 0 {
+    let Some(Some(path)) = PATH.get() else { return };
+    if DEVICES.load(Relaxed) == 0 {
         return;
     }
     let cpu_ns = clock_ns(libc::CLOCK_PROCESS_CPUTIME_ID);
-    let wall_ns = clock_ns(libc::CLOCK_MONOTONIC).saturating_sub(ROOM.began_ns.load(Relaxed));
-    let mut text = String::from("{");
-    for (kind, name) in [(Kind::Closest, "closest"), (Kind::Occluded, "occluded")] {
+    let wall_ns = clock_ns(libc::CLOCK_MONOTONIC).saturating_sub(BEGAN_NS.load(Relaxed));
+    let ms = |ns: u64| ns as f64 / 1e6;
+    let queries = |kind: Kind| {
         let sum = |pick: fn(&Queries) -> &AtomicU64| -> u64 {
-            ROOM.shards().iter().map(|shard| shard.scaled(pick(&shard.queries[kind as usize]))).sum()
+            SHARDS_OF_THREADS.iter().map(|shard| shard.scaled(pick(&shard.queries[kind as usize]))).sum()
         };
-        let _ = write!(
-            text,
-            "\"{name}\":{{\"calls\":{},\"rays\":{},\"total_ms\":{:.3}}},",
-            sum(|one| &one.calls),
-            sum(|one| &one.calls) + sum(|one| &one.more_rays),
-            sum(|one| &one.ns) as f64 / 1e6
-        );
-    }
-    let device = ROOM.device.try_lock().map_or_else(|_| String::new(), |device| device.clone());
-    let quoted = |text: &str| text.replace(['"', '\\'], "'").replace(char::is_control, " ");
-    let ms = |ns: &AtomicU64| ns.load(Relaxed) as f64 / 1e6;
-    let _ = write!(
-        text,
-        "\"builds\":{},\"build_wall_ms\":{:.3},\"build_cpu_ms\":{:.3},\"primitives\":{},\"devices\":{},\"flags\":{},\"qualities\":{},\
-         \"threads\":{},\"cpu_ms\":{:.3},\"wall_ms\":{:.3},\"device\":\"{}\",\"embree\":\"{}\"}}",
-        ROOM.builds.load(Relaxed),
-        ms(&ROOM.build_wall_ns),
-        ms(&ROOM.build_cpu_ns),
-        ROOM.triangles.load(Relaxed),
-        ROOM.devices.load(Relaxed),
-        ROOM.flags.load(Relaxed),
-        ROOM.qualities.load(Relaxed),
-        ROOM.threads.load(Relaxed),
-        cpu_ns as f64 / 1e6,
-        wall_ns as f64 / 1e6,
-        quoted(&device),
-        quoted(&crate::real::mapped().join(" ")),
-    );
+        let calls = sum(|one| &one.calls);
+        findings::Queries { calls, rays: calls + sum(|one| &one.more_rays), total_ms: ms(sum(|one| &one.ns)) }
+    };
+    let found = Findings {
+        closest: queries(Kind::Closest),
+        occluded: queries(Kind::Occluded),
+        builds: BUILDS.load(Relaxed),
+        build_wall_ms: ms(BUILD_WALL_NS.load(Relaxed)),
+        build_cpu_ms: ms(BUILD_CPU_NS.load(Relaxed)),
+        primitives: TRIANGLES.load(Relaxed),
+        devices: DEVICES.load(Relaxed),
+        flags: FLAGS.load(Relaxed),
+        qualities: QUALITIES.load(Relaxed),
+        threads: THREADS.load(Relaxed) as u64,
+        cpu_ms: ms(cpu_ns),
+        wall_ms: ms(wall_ns),
+        device: DEVICE.try_lock().map_or_else(|_| String::new(), |device| device.clone()),
+        embree: crate::real::mapped().join(" "),
+    };
+    let Ok(text) = serde_json::to_string(&found) else { return };
     // An error must not disturb the host, and a file larger than the host may write would end it by a signal.
     if has_room(text.len()) {
         let _ = std::fs::write(format!("{path}.{}", std::process::id()), text);

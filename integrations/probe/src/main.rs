@@ -4,6 +4,7 @@
 //! The program runs as it is and with its own results; its exit status is handed on.
 
 mod advice;
+mod findings;
 
 use std::ffi::OsString;
 use std::path::PathBuf;
@@ -11,7 +12,7 @@ use std::process::{Command, ExitCode};
 
 use clap::Parser;
 
-use advice::Findings;
+use findings::Findings;
 
 /// Measures what a program spends in Embree 4 or 3, and says what tuning could bring at most.
 #[derive(Debug, Parser)]

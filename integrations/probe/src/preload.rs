@@ -11,12 +11,13 @@
 //! 3 has them in its namespace, hence the long names.
 
 mod counts;
+mod findings;
 mod real;
 mod settings;
 
 use std::ffi::{CStr, c_char, c_int, c_uint, c_void};
 
-use counts::{Kind, ROOM, count, note_device, note_flags, note_quality, note_triangles, timed, weight};
+use counts::{Kind, count, note_device, note_flags, note_quality, note_triangles, timed, weight};
 use real::{Address, real};
 use settings::SETTINGS;
 
@@ -236,7 +237,7 @@ extern "C" fn begin() {
     // SAFETY: the function takes nothing, returns nothing and lives as long as the program.
     unsafe { libc::atexit(at_the_end) };
     // Reads the environment while nobody changes it.
-    ROOM.begin();
+    counts::begin();
     if let Ok(words) = std::env::var("TREEWRIGHT_PROBE_SET") {
         SETTINGS.apply(&words);
     }
