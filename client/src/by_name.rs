@@ -141,16 +141,9 @@ impl Client {
     /// for [`Client::tell`].
     pub async fn best_of_state(&self, study: &str, state_id: i64) -> Result<Option<Best>, ClientError> {
         let Some(trial) = self.trial_in_state(study, state_id).await? else { return Ok(None) };
-        let request = v1::GetBestRequest {
-            study: study_name(study),
-            indicators: trial.indicators.0,
-            fingerprint: trial.fingerprint.as_ref().map(fingerprint_to_wire),
-            space_revision: 0,
-            start: None,
-        };
-        let mut rpc = self.core.rpc();
-        match self.core.admin("GetBest", rpc.get_best(request)).await {
-            Ok(best) => self.core.read_best("GetBest", best).map(Some),
+        let machine = trial.fingerprint.as_ref();
+        match self.core.best(&study_name(study), &trial.indicators, machine, (0, None)).await {
+            Ok(best) => Ok(Some(best)),
             Err(problem) if problem.is_not_found() => Ok(None),
             Err(problem) => Err(problem),
         }
@@ -164,9 +157,5 @@ impl Core {
         trial: v1::Trial,
     ) -> Result<TrialRecord, ClientError> {
         wire::trial_from_wire(trial).map_err(|problem| self.malformed(call, problem))
-    }
-
-    fn read_best(&self, call: &'static str, best: v1::Best) -> Result<Best, ClientError> {
-        wire::best_from_wire(best).map_err(|problem| self.malformed(call, problem))
     }
 }

@@ -308,7 +308,8 @@ impl Client {
     ///
     /// Errors: [`ClientError::Refused`], [`ClientError::Away`], [`ClientError::Late`].
     pub async fn best(&self, study: &str, indicators: &Indicators) -> Result<Best, ClientError> {
-        self.core.best(&study_name(study), indicators, (0, None)).await
+        let machine = Some(self.fingerprint());
+        self.core.best(&study_name(study), indicators, machine, (0, None)).await
     }
 }
 
@@ -410,12 +411,13 @@ impl Core {
         &self,
         study: &str,
         indicators: &Indicators,
+        machine: Option<&Fingerprint>,
         (space_revision, start): (u32, Option<v1::Configuration>),
     ) -> Result<Best, ClientError> {
         let request = v1::GetBestRequest {
             study: study.to_owned(),
             indicators: indicators.0.clone(),
-            fingerprint: Some(fingerprint_to_wire(&self.options.fingerprint)),
+            fingerprint: machine.map(fingerprint_to_wire),
             space_revision,
             start,
         };

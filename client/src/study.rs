@@ -184,7 +184,8 @@ impl Study {
             checks::state(self.spec(), indicators)?;
         }
         let context = &self.shared.context;
-        context.core.best(&context.asked_name(), indicators, context.asked_by()).await
+        let machine = Some(&context.core.options.fingerprint);
+        context.core.best(&context.asked_name(), indicators, machine, context.asked_by()).await
     }
 
     /// The study as the daemon has stored it.

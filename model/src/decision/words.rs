@@ -34,7 +34,7 @@ pub(super) fn reason(decision: &Decision) -> Reason {
             + &of_level(decision.fidelity.as_deref()),
         source: source.to_owned(),
         step: step.to_owned(),
-        neighbours: neighbours(&decision.choice),
+        neighbours: neighbours(&decision.choice).to_vec(),
         explanation: explanation(decision),
     }
 }
@@ -68,27 +68,22 @@ fn source(choice: &Choice) -> (&'static str, &'static str) {
     }
 }
 
-fn neighbours(choice: &Choice) -> Vec<Neighbour> {
+fn neighbours(choice: &Choice) -> &[Neighbour] {
     match choice {
         Choice::Explore(Explore { point, .. }) => match point {
-            ExploredPoint::Search { neighbours, .. } => neighbours.clone(),
-            ExploredPoint::Proposal(predicted) => predicted.neighbours.clone(),
-            ExploredPoint::ByMachines(by) => by.neighbours.clone(),
-            ExploredPoint::Baseline(_)
-            | ExploredPoint::BaselineOfMachine
-            | ExploredPoint::Start
-            | ExploredPoint::Random
-            | ExploredPoint::Confirming { .. }
-            | ExploredPoint::Incumbent { .. } => Vec::new(),
+            ExploredPoint::Search { neighbours, .. }
+            | ExploredPoint::Proposal(Predicted { neighbours, .. })
+            | ExploredPoint::ByMachines(ByMachines { neighbours, .. }) => neighbours,
+            _ => &[],
         },
         Choice::Exploit(Exploit { source, .. }) => match source {
-            ExploitSource::Default | ExploitSource::Incumbent { .. } => Vec::new(),
-            ExploitSource::BestKnown { state, .. } => vec![state.clone()],
-            ExploitSource::Portfolio { neighbours, .. } => neighbours.clone(),
-            ExploitSource::Predictor(predicted) => predicted.neighbours.clone(),
-            ExploitSource::Machines(by) => by.neighbours.clone(),
+            ExploitSource::BestKnown { state, .. } => std::slice::from_ref(state),
+            ExploitSource::Portfolio { neighbours, .. }
+            | ExploitSource::Predictor(Predicted { neighbours, .. })
+            | ExploitSource::Machines(ByMachines { neighbours, .. }) => neighbours,
+            ExploitSource::Default | ExploitSource::Incumbent { .. } => &[],
         },
-        Choice::Pinned | Choice::Wanted | Choice::Shadow { .. } => Vec::new(),
+        Choice::Pinned | Choice::Wanted | Choice::Shadow { .. } => &[],
     }
 }
 
