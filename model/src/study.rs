@@ -20,16 +20,16 @@ pub const STATE_TOLERANCE_DEFAULT: f64 = 0.01;
 /// A tuning problem. All but `space`, `policy` and the texts for people (`display_name`, `note`, `tags`) is
 /// fixed. Trials measured under one schema and one objective are not comparable with trials measured under
 /// another. `P` is [`Policy`] once decided, and [`PolicySettings`] as given by clients.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct StudySpec<P = Policy> {
     /// A line for people, at most 200 characters.
     pub display_name: String,
     /// A text for people of several lines, at most 4096 bytes.
-    #[serde(skip_serializing_if = "String::is_empty")]
+    #[serde(default, skip_serializing_if = "String::is_empty")]
     pub note: String,
     /// Words by which people group studies, at most 16: 1 to 32 letters and digits of any script, `_`, `-`
     /// and `.`.
-    #[serde(skip_serializing_if = "BTreeSet::is_empty")]
+    #[serde(default, skip_serializing_if = "BTreeSet::is_empty")]
     pub tags: BTreeSet<String>,
     /// The tunables.
     pub space: Space,
@@ -43,21 +43,6 @@ pub struct StudySpec<P = Policy> {
     pub policy: P,
     /// Seed of every random decision.
     pub seed: u64,
-}
-
-#[derive(Deserialize)]
-struct RawStudySpec {
-    display_name: String,
-    #[serde(default)]
-    note: String,
-    #[serde(default)]
-    tags: BTreeSet<String>,
-    space: Space,
-    indicators: IndicatorSchema,
-    objective: Objective,
-    state_tolerance: f64,
-    policy: RawPolicy,
-    seed: u64,
 }
 
 /// Why a specification is refused. Spaces, schemas and objectives have errors of their own.
@@ -77,20 +62,12 @@ pub enum StudyError {
     Objective(#[from] ObjectiveError),
 }
 
+/// A policy whose configuration is checked has no form of its own: its space decides.
 impl<'de> Deserialize<'de> for StudySpec {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        let raw = RawStudySpec::deserialize(deserializer)?;
-        let spec = StudySpec {
-            policy: raw.policy.check(&raw.space).map_err(de::Error::custom)?,
-            display_name: raw.display_name,
-            note: raw.note,
-            tags: raw.tags,
-            space: raw.space,
-            indicators: raw.indicators,
-            objective: raw.objective,
-            state_tolerance: raw.state_tolerance,
-            seed: raw.seed,
-        };
+        let raw = StudySpec::<RawPolicy>::deserialize(deserializer)?;
+        let policy = raw.policy.clone().check(&raw.space).map_err(de::Error::custom)?;
+        let spec = raw.with_policy(policy);
         spec.validate().map_err(de::Error::custom)?;
         Ok(spec)
     }
