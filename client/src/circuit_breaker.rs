@@ -2,12 +2,13 @@
 //! waits for it until a probe in the background finds it answering again; probes come after growing pauses.
 //! So an absent daemon costs one frame one deadline, and the frames after it none.
 
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 
 use tokio::sync::watch;
 use tokio::time::Instant;
 
 use crate::back_off::BackOff;
+use crate::locks::lock;
 use crate::{ClientError, SharedError};
 
 /// The state of the connection.
@@ -61,7 +62,7 @@ impl CircuitBreaker {
     }
 
     fn hint(&self) -> Option<SharedError> {
-        let mut hint = self.hint.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut hint = lock(&self.hint);
         let over = hint.as_ref().is_some_and(|(until, _)| *until <= Instant::now());
         if over {
             *hint = None;
@@ -73,7 +74,7 @@ impl CircuitBreaker {
     /// instead.
     pub(crate) fn note_hint(&self, problem: &ClientError) {
         if let Some(wait) = problem.retry_after().filter(|_| !problem.is_unreachable()) {
-            let mut hint = self.hint.lock().unwrap_or_else(PoisonError::into_inner);
+            let mut hint = lock(&self.hint);
             *hint = Some((Instant::now() + wait, Arc::new(problem.clone())));
         }
     }

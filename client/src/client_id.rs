@@ -4,9 +4,10 @@
 //! Containers that share a machine's network share its slots as well. Those with a network of their own have
 //! a host name of their own.
 
-use std::sync::{Mutex, PoisonError};
+use std::sync::Mutex;
 
 use crate::limits::CLIENT_SLOTS;
+use crate::locks::lock;
 use crate::slot::Slot;
 
 /// An id that is taken for as long as this lives.
@@ -22,7 +23,7 @@ static OURS: Mutex<Option<DefaultId>> = Mutex::new(None);
 
 /// The id of this process, which holds it from the first question to its end.
 pub(crate) fn default_client_id() -> String {
-    let mut ours = OURS.lock().unwrap_or_else(PoisonError::into_inner);
+    let mut ours = lock(&OURS);
     if let Some(slot) = ours.as_ref().filter(|slot| slot.process == std::process::id()) {
         return slot.id.clone();
     }

@@ -1,7 +1,7 @@
 //! The parts that all handles of one client share: channel, state of the connection, outbox, counts.
 
 use std::collections::HashMap;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use tonic::service::interceptor::InterceptedService;
@@ -15,6 +15,7 @@ use crate::attach::Attach;
 use crate::back_off::BackOff;
 use crate::circuit_breaker::{CircuitBreaker, Status};
 use crate::failover::Failover;
+use crate::locks::lock;
 use crate::outbox::{Lost, Outbox};
 use crate::prepared::SetUps;
 use crate::stats::Counters;
@@ -83,7 +84,7 @@ impl Core {
 
     /// The program's set-up for a study, by whichever handle.
     pub(crate) fn set_ups(&self, study: &Arc<str>) -> Arc<SetUps> {
-        let mut all = self.set_ups.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut all = lock(&self.set_ups);
         Arc::clone(all.entry(Arc::clone(study)).or_default())
     }
 

@@ -1,8 +1,9 @@
 //! The loop over the runs of a front, for programs without one of their own.
 
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::Mutex;
 
 use crate::blocking::Client;
+use crate::locks::lock;
 use crate::{
     ClientError, Configuration, Front, FrontHistory, Measurements, OpenEnum, Outcome, ParetoFront, Question,
     Rule, SessionPolicy, StudySpec, TrialQuery, TrialRecord,
@@ -89,7 +90,7 @@ impl FrontLoop {
     /// The names of its metrics.
     #[must_use]
     pub fn metrics(&self) -> Vec<String> {
-        self.lock().history.front().metrics().map(str::to_owned).collect()
+        lock(&self.runs).history.front().metrics().map(str::to_owned).collect()
     }
 
     /// The next run. It stays that run until it is reported or given back. `None` once the planned runs are
@@ -98,7 +99,7 @@ impl FrontLoop {
     /// # Errors
     /// [`ClientError::Refused`], [`ClientError::Away`], [`ClientError::Late`].
     pub fn ask(&self) -> Result<Option<TrialRecord>, ClientError> {
-        let mut runs = self.lock();
+        let mut runs = lock(&self.runs);
         if runs.left == 0 {
             return Ok(None);
         }
@@ -127,7 +128,7 @@ impl FrontLoop {
         measured: Measurements,
         outcome: &Outcome,
     ) -> Result<(), ClientError> {
-        let mut runs = self.lock();
+        let mut runs = lock(&self.runs);
         let measured = match outcome {
             Outcome::Ok => runs.history.with_cost(trial, measured)?,
             _ => measured,
@@ -151,7 +152,7 @@ impl FrontLoop {
     /// The front of all runs so far on this machine. The hypervolume refers to the default.
     #[must_use]
     pub fn found(&self) -> ParetoFront {
-        let runs = self.lock();
+        let runs = lock(&self.runs);
         let measured = runs.history.trials().iter().filter_map(TrialRecord::measured_run);
         runs.history.front().of(measured, &self.default, None)
     }
@@ -163,9 +164,5 @@ impl FrontLoop {
             history.push(self.client.tell(&trial.name, &measured, &outcome)?.0);
         }
         Ok(())
-    }
-
-    fn lock(&self) -> MutexGuard<'_, FrontRuns> {
-        self.runs.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }

@@ -49,6 +49,7 @@ mod front_loop;
 mod insight;
 pub mod limits;
 pub mod local;
+mod locks;
 mod machine;
 mod memory;
 mod numbers;

@@ -4,9 +4,11 @@
 //! after the other. Once two ran side by side, the program has several loops, and which of them asks is not
 //! known: from then on nothing counts as prepared.
 
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex};
 
 use treewright_model::value::RawConfiguration;
+
+use crate::locks::lock;
 
 /// The values that need a set-up, and the level at which the trial runs.
 pub(crate) type SetUp = (RawConfiguration, Option<String>);
@@ -40,7 +42,7 @@ pub(crate) struct SetUpClaim {
 
 impl SetUpClaim {
     pub(crate) fn new(all: &Arc<SetUps>, own: SetUp) -> Self {
-        let mut state = all.state();
+        let mut state = lock(&all.0);
         let is_prepared = matches!(&*state, SetUpState::Done(last) if *last == own);
         *state = match &*state {
             SetUpState::Unknown | SetUpState::Done(_) => SetUpState::Running,
@@ -69,15 +71,10 @@ impl Drop for SetUpClaim {
 
 impl SetUps {
     fn end(&self, with: SetUpState) {
-        let mut state = self.state();
+        let mut state = lock(&self.0);
         if matches!(*state, SetUpState::Running) {
             *state = with;
         }
-    }
-
-    fn state(&self) -> MutexGuard<'_, SetUpState> {
-        // Nothing panics while it holds the lock; a poisoned one is still in order.
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 

@@ -1,7 +1,7 @@
 //! The shared part of the handles and tuners of a study: whether the daemon knows it, and its questions for
 //! suggestions.
 
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex};
 
 use tokio::sync::{Semaphore, oneshot, watch};
 use treewright_proto::convert::{configuration_to_wire, fingerprint_to_wire, session_policy_to_wire};
@@ -9,6 +9,7 @@ use treewright_proto::v1;
 
 use crate::core::Core;
 use crate::delivery::worth_repeating;
+use crate::locks::lock;
 use crate::study_context::StudyContext;
 use crate::suggestion::Lease;
 use crate::workers::Worker;
@@ -270,9 +271,4 @@ impl Shared {
         };
         self.registration.send_replace(registration);
     }
-}
-
-fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    // Nothing in this file panics while it holds a lock; a poisoned one is still in order.
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }

@@ -1,9 +1,11 @@
 //! Counts of the fates of suggestions and reports.
 
+use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Mutex, PoisonError};
 
 use serde::Serialize;
+
+use crate::locks::lock;
 
 macro_rules! counted {
     ($($(#[$doc:meta])* $name:ident,)*) => {
@@ -63,11 +65,11 @@ counted! {
 
 impl Counters {
     pub(crate) fn note(&self, problem: impl ToString) {
-        *self.last_error.lock().unwrap_or_else(PoisonError::into_inner) = Some(problem.to_string());
+        *lock(&self.last_error) = Some(problem.to_string());
     }
 
     pub(crate) fn last_error(&self) -> Option<String> {
-        self.last_error.lock().unwrap_or_else(PoisonError::into_inner).clone()
+        lock(&self.last_error).clone()
     }
 }
 

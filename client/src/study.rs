@@ -1,10 +1,11 @@
 //! A study as a program holds it: questions for suggestions, predictions and results.
 
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex};
 
 use crate::answer::{self, Outstanding};
 use crate::client::LastHandle;
 use crate::core::Core;
+use crate::locks::lock;
 use crate::shared::Shared;
 use crate::study_context::StudyContext;
 use crate::{
@@ -113,13 +114,13 @@ impl Study {
         let suggestion =
             answer::within_deadline(shared, &mut outstanding, indicators, || shared.ask(indicators.clone()))
                 .await;
-        self.outstanding().extend(outstanding);
+        lock(&self.outstanding).extend(outstanding);
         suggestion
     }
 
     /// The answer to an earlier question about this state; those about others are given back when they come.
     fn late_answer(&self, indicators: &Indicators) -> Option<Outstanding> {
-        let mut all = self.outstanding();
+        let mut all = lock(&self.outstanding);
         let spec = self.spec();
         let (mut same, others): (Vec<_>, Vec<_>) = std::mem::take(&mut *all)
             .into_iter()
@@ -193,10 +194,5 @@ impl Study {
     /// Errors: [`ClientError::Refused`], [`ClientError::Away`], [`ClientError::Late`].
     pub async fn record(&self) -> Result<StudyRecord, ClientError> {
         self.shared.context.core.study_record(&self.shared.context.asked_name()).await
-    }
-
-    fn outstanding(&self) -> MutexGuard<'_, Vec<Outstanding>> {
-        // Nothing panics while it holds the lock; a poisoned one is still in order.
-        self.outstanding.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }

@@ -2,12 +2,13 @@
 //! configurations to fall back on. All handles of the study share it.
 
 use std::sync::atomic::{AtomicU32, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex};
 
 use treewright_proto::convert::configuration_to_wire;
 use treewright_proto::v1;
 
 use crate::core::Core;
+use crate::locks::lock;
 use crate::memory::RememberedConfigurations;
 use crate::prepared::SetUps;
 use crate::{Configuration, Indicators, Measurements, Outcome, StudyRecord, StudySpec};
@@ -53,7 +54,7 @@ impl StudyContext {
 
     /// The name by which the daemon is asked.
     pub(crate) fn asked_name(&self) -> Arc<str> {
-        Arc::clone(&self.identified.lock().unwrap_or_else(PoisonError::into_inner))
+        Arc::clone(&lock(&self.identified))
     }
 
     /// The revision of the space that the program works with, which the daemon answers in.
@@ -64,18 +65,18 @@ impl StudyContext {
     /// Takes the identity of the study, and the revision of its space, from the daemon's answer.
     pub(crate) fn identify(&self, record: &StudyRecord) {
         self.revision.store(record.space_revision, Ordering::Relaxed);
-        let mut identified = self.identified.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut identified = lock(&self.identified);
         *identified = Arc::from(record.identified_name());
     }
 
     /// Sets what the program runs by default; `None` for the study's default.
     pub(crate) fn set_start(&self, start: Option<Configuration>) {
-        *self.start.lock().unwrap_or_else(PoisonError::into_inner) = start;
+        *lock(&self.start) = start;
     }
 
     /// What the program runs by default, where that is not the study's default.
     pub(crate) fn start(&self) -> Option<Configuration> {
-        self.start.lock().unwrap_or_else(PoisonError::into_inner).clone()
+        lock(&self.start).clone()
     }
 
     /// The same, as requests have it.
@@ -90,7 +91,7 @@ impl StudyContext {
 
     /// What to run in a state while the daemon is away; `None` where only the defaults are left.
     pub(crate) fn last_good(&self, indicators: &Indicators) -> Option<Configuration> {
-        self.memory().last_good(&self.spec, indicators).cloned()
+        lock(&self.memory).last_good(&self.spec, indicators).cloned()
     }
 
     /// Learns from a result what to fall back on. What is beyond a limit does not count as run. `is_answer`:
@@ -111,11 +112,6 @@ impl StudyContext {
             Outcome::Ok | Outcome::Infeasible { .. } | Outcome::Failed { .. } => None,
             Outcome::Aborted { .. } => return,
         };
-        self.memory().note(&self.spec, indicators, configuration, is_answer, cost);
-    }
-
-    fn memory(&self) -> MutexGuard<'_, RememberedConfigurations> {
-        // Nothing panics while it holds the lock; a poisoned one is still in order.
-        self.memory.lock().unwrap_or_else(PoisonError::into_inner)
+        lock(&self.memory).note(&self.spec, indicators, configuration, is_answer, cost);
     }
 }

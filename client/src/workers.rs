@@ -9,12 +9,13 @@
 //! so that loops in several states keep their workers.
 
 use std::collections::HashMap;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex};
 
 use treewright_model::fnv;
 use treewright_model::limits::CLIENT_ID_CHARACTERS_MAX;
 
 use crate::limits::WORKERS;
+use crate::locks::lock;
 use crate::slot::Slot;
 use crate::{ClientError, Indicators};
 
@@ -74,7 +75,7 @@ impl Workers {
         indicators: &Indicators,
         same: impl Fn(&Indicators, &Indicators) -> bool,
     ) -> Result<Arc<Worker>, ClientError> {
-        let mut state = self.state();
+        let mut state = lock(&self.state);
         let WorkersState { owned, studies } = &mut *state;
         let seats = studies.entry(Arc::clone(study)).or_default();
         let was_here = |seat: &Seat| seat.last.as_ref().is_some_and(|last| same(last, indicators));
@@ -111,11 +112,6 @@ impl Workers {
         let what = "trials of this client that are neither reported nor given back";
         Err(ClientError::Busy { what, limit: WORKERS })
     }
-
-    fn state(&self) -> MutexGuard<'_, WorkersState> {
-        // Nothing panics while it holds the lock; a poisoned one is still in order.
-        self.state.lock().unwrap_or_else(PoisonError::into_inner)
-    }
 }
 
 impl Worker {
@@ -134,8 +130,10 @@ impl Drop for Worker {
     fn drop(&mut self) {
         // In the child of a fork it is the parent's.
         if self.workers.process == std::process::id()
-            && let Some(seat) =
-                self.workers.state().studies.get_mut(&self.study).and_then(|seats| seats.get_mut(self.seat))
+            && let Some(seat) = lock(&self.workers.state)
+                .studies
+                .get_mut(&self.study)
+                .and_then(|seats| seats.get_mut(self.seat))
         {
             seat.busy = false;
         }

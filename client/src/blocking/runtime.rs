@@ -1,12 +1,13 @@
 //! The thread behind the blocking client.
 
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 
 use tokio::runtime::{Builder, Handle};
 use tokio::sync::oneshot;
 
 use crate::core::Core;
+use crate::locks::lock;
 use crate::{ClientError, limits};
 
 /// A thread that drives a tokio runtime until the last handle is gone and the outbox is empty.
@@ -30,7 +31,7 @@ impl RuntimeThread {
             runtime.block_on(async {
                 // An error means that the sender is gone, which also ends the thread.
                 let _ = ended.await;
-                let core = take(&to_flush);
+                let core = lock(&to_flush).take();
                 if let Some(core) = core
                     && let Err(problem) = core.flush(limits::FLUSH_ON_DROP).await
                 {
@@ -46,7 +47,7 @@ impl RuntimeThread {
 
     /// Names whose outbox is to be emptied at the end.
     pub(crate) fn flush_at_the_end(&self, client: &crate::Client) {
-        *self.core.lock().unwrap_or_else(PoisonError::into_inner) = Some(Arc::clone(&client.core));
+        *lock(&self.core) = Some(Arc::clone(&client.core));
     }
 
     /// Runs a future on the caller's thread, while the runtime's thread drives timers and sockets.
@@ -70,8 +71,4 @@ impl Drop for RuntimeThread {
             tracing::error!("the client's thread panicked");
         }
     }
-}
-
-fn take(core: &Mutex<Option<Arc<Core>>>) -> Option<Arc<Core>> {
-    core.lock().unwrap_or_else(PoisonError::into_inner).take()
 }
