@@ -99,13 +99,7 @@ impl Spec {
         let found = self.parameters.iter().find(|one| one.name == parameter);
         let domain = &found.ok_or_else(|| format!("there is no parameter {parameter:?} yet"))?.domain;
         let of_text = matches!(domain, Domain::Categorical { values } if matches!(values.first(), Some(Value::Text(_))));
-        let of_floats = matches!(domain, Domain::Float { .. })
-            || matches!(domain, Domain::Categorical { values } if matches!(values.first(), Some(Value::Float(_))));
-        Ok(match Value::parse(text) {
-            _ if of_text => Value::Text(text.to_owned()),
-            Value::Integer(whole) if of_floats => Value::Float(whole as f64),
-            other => other,
-        })
+        Ok(if of_text { Value::Text(text.to_owned()) } else { domain.as_of(&Value::parse(text)) })
     }
 }
 

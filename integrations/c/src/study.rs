@@ -7,7 +7,6 @@ use treewright_client::{ConfirmationStage, Finished, Outcome, blocking};
 
 use crate::configuration::{Configuration, from_json};
 use crate::edge::{Array, ErrorOut, Number, Text, free, guard, indicators, need, put, store};
-use crate::error::Failure;
 use crate::suggestion::Suggestion;
 
 /// A study. May be used by several threads at once.

@@ -91,7 +91,7 @@ impl Domain {
     }
 
     /// The value in the domain's kind: whole numbers become floats.
-    pub(super) fn as_of(&self, value: &Value) -> Value {
+    pub fn as_of(&self, value: &Value) -> Value {
         let floats = match self {
             Domain::Float { .. } => true,
             Domain::Categorical { values } => matches!(values.first(), Some(Value::Float(_))),
