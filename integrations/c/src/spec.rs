@@ -43,14 +43,8 @@ impl Spec {
         if let Some(mistake) = &self.mistake {
             return Err(Failure::invalid(mistake));
         }
-        let mut space = Space::builder();
-        for parameter in &self.parameters {
-            space = space.with_parameter(parameter.clone());
-        }
-        for constraint in &self.constraints {
-            space = space.with_constraint(constraint.clone());
-        }
-        space.build().map_err(|error| Failure::invalid(error.to_string()))
+        let space = Space::new(self.parameters.clone(), self.constraints.clone());
+        space.map_err(|error| Failure::invalid(error.to_string()))
     }
 
     fn study(&self) -> Result<StudyBuilder, Failure> {

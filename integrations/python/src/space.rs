@@ -4,7 +4,7 @@ use std::ops::RangeInclusive;
 
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
-use treewright_client::{ClientError, Condition, Constraint, Domain, Parameter, Scale, Value};
+use treewright_client::{ClientError, Condition, Constraint, Domain, Parameter, Scale, SpaceError, Value};
 
 use crate::convert::value_of;
 use crate::error::Invalid;
@@ -19,15 +19,8 @@ pub(crate) struct Space {
 #[derive(Debug, Default)]
 struct Parts {
     parameters: Vec<Parameter>,
-    constraints: Vec<Given>,
-}
-
-/// A constraint as it was given; its mistakes are reported with all others.
-#[derive(Debug)]
-enum Given {
-    Order(String, String),
-    Expression(String),
-    Whole(Constraint),
+    /// Mistakes are reported with all others.
+    constraints: Vec<Result<Constraint, SpaceError>>,
 }
 
 fn scale(log: bool) -> Scale {
@@ -65,18 +58,8 @@ impl Space {
     /// The finished space, or its mistakes.
     pub(crate) fn build(&self) -> Result<treewright_client::Space, ClientError> {
         self.with(|parts| {
-            let mut builder = treewright_client::Space::builder();
-            for parameter in &parts.parameters {
-                builder = builder.with_parameter(parameter.clone());
-            }
-            for constraint in &parts.constraints {
-                builder = match constraint {
-                    Given::Order(lesser, greater) => builder.less_or_equal(lesser, greater),
-                    Given::Expression(text) => builder.constraint(text),
-                    Given::Whole(constraint) => builder.with_constraint(constraint.clone()),
-                };
-            }
-            Ok(builder.build()?)
+            let constraints: Vec<Constraint> = parts.constraints.iter().cloned().collect::<Result<_, _>>()?;
+            Ok(treewright_client::Space::new(parts.parameters.clone(), constraints)?)
         })
     }
 }
@@ -105,7 +88,7 @@ impl Space {
         setup: bool,
     ) -> PyResult<PyRef<'py, Self>> {
         if let Some(step) = step {
-            this.with(|parts| parts.constraints.push(Given::Whole(Constraint::step(&name, min, step))));
+            this.with(|parts| parts.constraints.push(Ok(Constraint::step(&name, min, step))));
         }
         Self::add(
             this,
@@ -163,13 +146,13 @@ impl Space {
 
     /// Every configuration has lesser <= greater.
     fn less_or_equal(this: PyRef<'_, Self>, lesser: String, greater: String) -> PyRef<'_, Self> {
-        this.with(|parts| parts.constraints.push(Given::Order(lesser, greater)));
+        this.with(|parts| parts.constraints.push(Ok(Constraint::order(&lesser, &greater))));
         this
     }
 
     /// Every configuration fulfils an expression, such as `"block_x * block_y <= 1024"`.
     fn constraint(this: PyRef<'_, Self>, expression: String) -> PyRef<'_, Self> {
-        this.with(|parts| parts.constraints.push(Given::Expression(expression)));
+        this.with(|parts| parts.constraints.push(Constraint::parse(&expression).map_err(Into::into)));
         this
     }
 
