@@ -2,11 +2,19 @@
 
 use std::time::{Duration, SystemTime};
 
-use treewright_client::{Client, Outcome, Source, Status, Suggestion, Tuner};
+use treewright_client::{Client, Options, Outcome, Source, Status, StudySpec, Suggestion, Tuner};
 use treewright_proto::convert::outcome_to_wire;
 use treewright_proto::v1::TrialState;
 
 use crate::support::{self, Fake, Hold, finish, hasty, in_episodes, measured, patient, spec, state, until};
+
+/// The stand-in with a study and the loop over its frames.
+async fn with_tuner(spec: StudySpec, options: Options) -> (Fake, Client, Tuner) {
+    let fake = Fake::start();
+    let client = Client::connect(&fake.url(), options).unwrap();
+    let tuner = client.study("scene", spec).await.unwrap().tuner();
+    (fake, client, tuner)
+}
 
 /// Asks until the daemon answers again.
 async fn from_the_daemon(tuner: &mut Tuner, number: u32) -> Suggestion {
@@ -15,8 +23,7 @@ async fn from_the_daemon(tuner: &mut Tuner, number: u32) -> Suggestion {
 
 #[tokio::test]
 async fn a_frame_is_one_round_trip() {
-    let (fake, client) = Fake::with_client();
-    let mut tuner = client.study("scene", spec()).await.unwrap().tuner();
+    let (fake, client, mut tuner) = with_tuner(spec(), patient()).await;
     let mut previous = None;
     for frame in 1..=20 {
         let suggestion = tuner.next(&state(1), previous.take()).await;
@@ -35,8 +42,7 @@ async fn a_frame_is_one_round_trip() {
 
 #[tokio::test]
 async fn a_broken_stream_is_opened_again_and_loses_no_report() {
-    let (fake, client) = Fake::with_client();
-    let mut tuner = client.study("scene", spec()).await.unwrap().tuner();
+    let (fake, client, mut tuner) = with_tuner(spec(), patient()).await;
     let first = tuner.next(&state(1), None).await;
     // The report is stored, but the stream breaks before that is acknowledged.
     fake.book().break_streams = 1;
@@ -54,8 +60,7 @@ async fn a_broken_stream_is_opened_again_and_loses_no_report() {
 
 #[tokio::test]
 async fn a_daemon_that_dies_between_frames_loses_no_report() {
-    let (mut fake, client) = Fake::with_client();
-    let mut tuner = client.study("scene", spec()).await.unwrap().tuner();
+    let (mut fake, client, mut tuner) = with_tuner(spec(), patient()).await;
     let first = tuner.next(&state(1), None).await;
     fake.go_away();
     let mut previous = finish(first, 1.0);
@@ -76,9 +81,7 @@ async fn a_daemon_that_dies_between_frames_loses_no_report() {
 
 #[tokio::test]
 async fn a_late_answer_is_not_taken_for_the_answer_to_a_later_frame() {
-    let fake = Fake::start();
-    let client = Client::connect(&fake.url(), hasty()).unwrap();
-    let mut tuner = client.study("scene", spec()).await.unwrap().tuner();
+    let (fake, client, mut tuner) = with_tuner(spec(), hasty()).await;
     fake.hold(Hold::Suggestions);
     let missed = tuner.next(&state(1), None).await;
     assert_eq!(missed.source(), Source::Default);
@@ -99,9 +102,7 @@ async fn a_late_answer_is_not_taken_for_the_answer_to_a_later_frame() {
 
 #[tokio::test]
 async fn a_late_answer_is_used_for_the_next_frame_of_the_same_state() {
-    let fake = Fake::start();
-    let client = Client::connect(&fake.url(), hasty()).unwrap();
-    let mut tuner = client.study("scene", spec()).await.unwrap().tuner();
+    let (fake, _client, mut tuner) = with_tuner(spec(), hasty()).await;
     fake.hold(Hold::Suggestions);
     assert_eq!(tuner.next(&state(1), None).await.source(), Source::Default);
     fake.hold(Hold::Nothing);
@@ -112,8 +113,7 @@ async fn a_late_answer_is_used_for_the_next_frame_of_the_same_state() {
 
 #[tokio::test]
 async fn a_report_refused_on_the_stream_is_counted_and_the_stream_goes_on() {
-    let (fake, client) = Fake::with_client();
-    let mut tuner = client.study("scene", spec()).await.unwrap().tuner();
+    let (fake, client, mut tuner) = with_tuner(spec(), patient()).await;
     let first = tuner.next(&state(1), None).await;
     fake.book().refuse.insert("streamed Report", tonic::Code::NotFound);
     let second = tuner.next(&state(2), finish(first, 1.0)).await;
@@ -131,8 +131,7 @@ async fn a_report_refused_on_the_stream_is_counted_and_the_stream_goes_on() {
 
 #[tokio::test]
 async fn a_trial_of_several_frames_is_asked_for_once_and_reported_as_their_mean() {
-    let (fake, client) = Fake::with_client();
-    let mut tuner = client.study("scene", in_episodes(4)).await.unwrap().tuner();
+    let (fake, client, mut tuner) = with_tuner(in_episodes(4), patient()).await;
     let mut previous = None;
     for frame in 0..8 {
         let suggestion = tuner.next(&state(1), previous.take()).await;
@@ -151,8 +150,7 @@ async fn a_trial_of_several_frames_is_asked_for_once_and_reported_as_their_mean(
 
 #[tokio::test]
 async fn a_daemon_that_dies_within_a_trial_gets_its_report_later() {
-    let (mut fake, client) = Fake::with_client();
-    let mut tuner = client.study("scene", in_episodes(4)).await.unwrap().tuner();
+    let (mut fake, client, mut tuner) = with_tuner(in_episodes(4), patient()).await;
     let mut previous = finish(tuner.next(&state(1), None).await, 1.0);
     fake.go_away();
     for _frame in 1..4 {
@@ -173,8 +171,7 @@ async fn a_daemon_that_dies_within_a_trial_gets_its_report_later() {
 
 #[tokio::test]
 async fn another_state_gives_a_trial_of_several_frames_up() {
-    let (fake, client) = Fake::with_client();
-    let mut tuner = client.study("scene", in_episodes(2)).await.unwrap().tuner();
+    let (fake, _client, mut tuner) = with_tuner(in_episodes(2), patient()).await;
     let first = tuner.next(&state(1), None).await;
     let other = tuner.next(&state(5), finish(first, 1.0)).await;
     assert_eq!(other.trial(), Some("studies/scene/trials/2"));
@@ -184,10 +181,8 @@ async fn another_state_gives_a_trial_of_several_frames_up() {
 
 #[tokio::test]
 async fn a_trial_of_several_frames_ends_once_its_mean_must_be_above_the_cap() {
-    let fake = Fake::start();
+    let (fake, _client, mut tuner) = with_tuner(in_episodes(4), patient()).await;
     fake.book().abort_above = Some(10.0);
-    let client = Client::connect(&fake.url(), patient()).unwrap();
-    let mut tuner = client.study("scene", in_episodes(4)).await.unwrap().tuner();
     let first = tuner.next(&state(1), None).await;
     assert_eq!(first.abort_above(), Some(40.0));
     let second = tuner.next(&state(1), finish(first, 30.0)).await;
@@ -213,10 +208,8 @@ async fn a_frame_is_not_reported_as_its_trial() {
 
 #[tokio::test]
 async fn the_lease_of_a_trial_of_several_frames_is_renewed() {
-    let fake = Fake::start();
+    let (fake, _client, mut tuner) = with_tuner(in_episodes(3), patient()).await;
     fake.book().lease_end = Some(SystemTime::UNIX_EPOCH);
-    let client = Client::connect(&fake.url(), patient()).unwrap();
-    let mut tuner = client.study("scene", in_episodes(3)).await.unwrap().tuner();
     let first = tuner.next(&state(1), None).await;
     tokio::time::sleep(treewright_client::limits::LEAST_RENEWAL).await;
     let second = tuner.next(&state(1), finish(first, 1.0)).await;
