@@ -20,9 +20,7 @@ impl Space {
         let given = self.with_needs(given);
         let mut whole = RawConfiguration::new();
         for parameter in parameters {
-            let active = parameter.active_if.as_ref().is_none_or(|condition| {
-                whole.get(&condition.parameter).is_some_and(|value| condition.any_of.contains(value))
-            });
+            let active = parameter.is_active(&whole);
             match given.get(&parameter.name) {
                 // A value that is given and inactive is refused below.
                 Some(value) => whole.insert(parameter.name.clone(), parameter.domain.as_of(value)),

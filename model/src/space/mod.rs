@@ -117,6 +117,13 @@ impl Parameter {
     pub fn new(name: impl Into<String>, domain: Domain, default: impl Into<Value>) -> Self {
         Self { name: name.into(), domain, default: default.into(), active_if: None, setup: false }
     }
+
+    /// Whether it is active, with the values of those before it.
+    fn is_active(&self, values: &RawConfiguration) -> bool {
+        self.active_if.as_ref().is_none_or(|condition| {
+            values.get(&condition.parameter).is_some_and(|value| condition.any_of.contains(value))
+        })
+    }
 }
 
 /// The parameters and the relations between them, checked.

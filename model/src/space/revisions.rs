@@ -135,7 +135,7 @@ impl EarlierSpaces {
             let name = &parameter.name;
             let is_its = |value: &Value| is_of_kind(parameter, value) || !changes.is_kept(name, value);
             let value = values.remove(name).filter(is_its);
-            match (is_active(parameter, &adopted), value) {
+            match (parameter.is_active(&adopted), value) {
                 (true, value) => {
                     let value = value.as_ref().unwrap_or_else(|| changes.before(parameter));
                     adopted.insert(parameter.name.clone(), in_kind(&parameter.domain, value));
@@ -187,7 +187,7 @@ impl EarlierSpaces {
         let (space, changes) = (self.space(revision)?, self.changes_from(revision, present));
         let mut values = RawConfiguration::new();
         for parameter in space.parameters() {
-            if is_active(parameter, &values) {
+            if parameter.is_active(&values) {
                 let default = present.parameter(&parameter.name).map(|here| &here.default);
                 let value = configuration.get(&parameter.name).or(default);
                 let value = value.filter(|value| is_of_kind(parameter, value));
@@ -226,7 +226,7 @@ impl EarlierSpaces {
                 let unnamed = present_ones.get(name).copied();
                 let unnamed = unnamed.or((!own.contains_key(name)).then_some(parameter));
                 let before = || unnamed.map(|unnamed| changes.before(unnamed));
-                let value = values.get(name).or_else(before).filter(|_| is_active(parameter, &held));
+                let value = values.get(name).or_else(before).filter(|_| parameter.is_active(&held));
                 let Some(value) = value else { return true };
                 let is_kept = stays(name) || changes.is_kept(name, value);
                 held.insert(name.to_owned(), in_kind(&parameter.domain, value));
@@ -312,13 +312,6 @@ fn is_of_kind(parameter: &Parameter, value: &Value) -> bool {
     discriminant(&in_kind(&parameter.domain, value)) == discriminant(&parameter.default)
 }
 
-/// Whether a parameter is active, with the values of those before it.
-fn is_active(parameter: &Parameter, values: &RawConfiguration) -> bool {
-    parameter.active_if.as_ref().is_none_or(|condition| {
-        values.get(&condition.parameter).is_some_and(|value| condition.any_of.contains(value))
-    })
-}
-
 #[cfg(test)]
 mod tests {
     use proptest::prelude::*;
@@ -340,13 +333,19 @@ mod tests {
         Space::new(parameters.iter().map(parameter).collect(), Vec::new()).expect("a space")
     }
 
-    /// The values of a trial of the first revision by now; `None` where it is outside.
-    fn adopted(changes: &[(&Space, RawConfiguration)], values: RawConfiguration) -> Option<String> {
+    /// The earlier spaces after all changes, and the present one.
+    fn history<'a>(changes: &[(&'a Space, RawConfiguration)]) -> (EarlierSpaces, &'a Space) {
         let (mut earlier, mut present) = (EarlierSpaces::default(), changes[0].0);
         for (to, fixed) in &changes[1..] {
             earlier = earlier.changed(present, to, 9, fixed.clone()).expect("a change");
             present = to;
         }
+        (earlier, present)
+    }
+
+    /// The values of a trial of the first revision by now; `None` where it is outside.
+    fn adopted(changes: &[(&Space, RawConfiguration)], values: RawConfiguration) -> Option<String> {
+        let (earlier, present) = history(changes);
         let adopted = earlier.adopt(1, values, present)?;
         assert!(present.owns(&adopted));
         Some(Assignment::from(adopted).to_string())
@@ -400,12 +399,7 @@ mod tests {
         assert_eq!(adopted(&went, raw(&[("a", 7)])).as_deref(), Some("a=7"));
         assert_eq!(adopted(&went, raw(&[("a", 5)])), None);
         // What comes again had what it kept meanwhile, and before it came first what it had then.
-        let again = [(&two, none()), (&one, raw(&[("b", 8)])), (&two, none())];
-        let (mut earlier, mut present) = (EarlierSpaces::default(), again[0].0);
-        for (to, fixed) in &again[1..] {
-            earlier = earlier.changed(present, to, 9, fixed.clone()).expect("a change");
-            present = to;
-        }
+        let (earlier, present) = history(&[(&two, none()), (&one, raw(&[("b", 8)])), (&two, none())]);
         let between = earlier.adopt(2, raw(&[("a", 7)]), present).expect("inside");
         assert_eq!(between.to_raw(), raw(&[("a", 7), ("b", 8)]));
         let twice = [(&one, none()), (&two, none()), (&one, raw(&[("b", 8)])), (&two, none())];
@@ -444,9 +438,8 @@ mod tests {
         assert_eq!(adopted(&changes, raw(&[("a", 3), ("b", 1)])).as_deref(), Some("a=true b=1"));
         assert_eq!(adopted(&changes, raw(&[("a", 4), ("b", 1)])), None, "it was outside meanwhile");
         assert_eq!(adopted(&[(&whole, none()), (&boolean, none())], raw(&[("a", 3), ("b", 1)])), None);
-        let earlier = EarlierSpaces::default().changed(&whole, &other, 9, none()).expect("a change");
-        let earlier = earlier.changed(&other, &boolean, 9, none()).expect("a change");
-        let expressed = earlier.express(1, &boolean.default_configuration(), &boolean);
+        let (earlier, present) = history(&changes);
+        let expressed = earlier.express(1, &present.default_configuration(), present);
         let expressed = expressed.expect("it has what `a` kept");
         assert_eq!(expressed.to_raw(), raw(&[("a", 3), ("b", 2)]));
         // A whole number that became real keeps its value when it goes.
@@ -460,8 +453,7 @@ mod tests {
     fn a_number_may_become_a_number_of_the_other_kind() {
         let whole = space(&[("a", 9, 3)]);
         let real = Space::builder().float("a", 0.0..=9.5).default(2.5).build().expect("a space");
-        let earlier = EarlierSpaces::default().changed(&whole, &real, 9, RawConfiguration::new());
-        let earlier = earlier.expect("a change");
+        let (earlier, _) = history(&[(&whole, RawConfiguration::new()), (&real, RawConfiguration::new())]);
         let four = earlier.adopt(1, raw(&[("a", 4)]), &real).expect("inside");
         assert_eq!(Assignment::from(four.clone()).to_string(), "a=4.0");
         assert_eq!(earlier.express(1, &four, &real).map(|four| four.to_raw()), Some(raw(&[("a", 4)])));
@@ -471,8 +463,7 @@ mod tests {
     #[test]
     fn the_nearest_has_what_both_spaces_have() {
         let (one, wide) = (space(&[("a", 9, 3)]), space(&[("a", 20, 3), ("b", 9, 1)]));
-        let earlier = EarlierSpaces::default().changed(&one, &wide, 9, RawConfiguration::new());
-        let earlier = earlier.expect("a change");
+        let (earlier, _) = history(&[(&one, RawConfiguration::new()), (&wide, RawConfiguration::new())]);
         let nearest = |a, b| {
             let here = wide.configuration(raw(&[("a", a), ("b", b)])).expect("valid");
             earlier.nearest(1, &here, &wide).map(|nearest| nearest.to_raw())
