@@ -69,8 +69,7 @@ impl Client {
             space_revision: question.space_revision,
             start: question.start.as_ref().map(|start| configuration_to_wire(start.as_raw())),
         };
-        let mut rpc = core.rpc();
-        let trial = core.admin("Suggest", rpc.suggest(request)).await?;
+        let trial = core.admin("Suggest", core.rpc().suggest(request)).await?;
         core.read_trial("Suggest", trial)
     }
 
@@ -86,8 +85,7 @@ impl Client {
         outcome: &Outcome,
     ) -> Result<(TrialRecord, bool), ClientError> {
         let request = report_request(trial, measurements, outcome);
-        let mut rpc = self.core.rpc();
-        let answer = self.core.admin("Report", rpc.report(request)).await?;
+        let answer = self.core.admin("Report", self.core.rpc().report(request)).await?;
         let trial = answer.trial.unwrap_or_default();
         Ok((self.core.read_trial("Report", trial)?, answer.duplicate))
     }
@@ -95,8 +93,7 @@ impl Client {
     /// Gives a trial back unmeasured. Errors: as for [`Client::tell`].
     pub async fn give_back(&self, trial: &str) -> Result<TrialRecord, ClientError> {
         let request = v1::AbandonTrialRequest { trial: trial.to_owned() };
-        let mut rpc = self.core.rpc();
-        let trial = self.core.admin("AbandonTrial", rpc.abandon_trial(request)).await?;
+        let trial = self.core.admin("AbandonTrial", self.core.rpc().abandon_trial(request)).await?;
         self.core.read_trial("AbandonTrial", trial)
     }
 
@@ -108,8 +105,7 @@ impl Client {
             reason: reason.unwrap_or_default().to_owned(),
             include: reason.is_none(),
         };
-        let mut rpc = self.core.rpc();
-        let trial = self.core.admin("ExcludeTrial", rpc.exclude_trial(request)).await?;
+        let trial = self.core.admin("ExcludeTrial", self.core.rpc().exclude_trial(request)).await?;
         self.core.read_trial("ExcludeTrial", trial)
     }
 
@@ -120,9 +116,8 @@ impl Client {
 
     /// Reads one trial. Errors: as for [`Client::tell`].
     pub async fn trial(&self, trial: &str) -> Result<TrialRecord, ClientError> {
-        let mut rpc = self.core.rpc();
         let request = v1::GetTrialRequest { name: trial.to_owned() };
-        let trial = self.core.admin("GetTrial", rpc.get_trial(request)).await?;
+        let trial = self.core.admin("GetTrial", self.core.rpc().get_trial(request)).await?;
         self.core.read_trial("GetTrial", trial)
     }
 

@@ -155,8 +155,7 @@ impl Client {
         let mut page_token = String::new();
         loop {
             let request = v1::ListStudiesRequest { page_size: limits::PAGE_SIZE, page_token };
-            let mut rpc = self.core.rpc();
-            let answer = self.core.admin("ListStudies", rpc.list_studies(request)).await?;
+            let answer = self.core.admin("ListStudies", self.core.rpc().list_studies(request)).await?;
             for study in answer.studies {
                 studies.push(self.core.read_study("ListStudies", study)?);
             }
@@ -222,8 +221,7 @@ impl Client {
             study: Some(study),
             update_mask: Some(prost_types::FieldMask { paths }),
         };
-        let mut rpc = self.core.rpc();
-        let study = self.core.admin("UpdateStudy", rpc.update_study(request)).await?;
+        let study = self.core.admin("UpdateStudy", self.core.rpc().update_study(request)).await?;
         self.core.read_study("UpdateStudy", study)
     }
 
@@ -242,8 +240,7 @@ impl Client {
     /// [`ClientError::Late`].
     pub async fn rename_study(&self, id: &str, to: &str) -> Result<StudyRecord, ClientError> {
         let request = v1::RenameStudyRequest { name: study_name(id), study_id: to.to_owned() };
-        let mut rpc = self.core.rpc();
-        let study = self.core.admin("RenameStudy", rpc.rename_study(request)).await?;
+        let study = self.core.admin("RenameStudy", self.core.rpc().rename_study(request)).await?;
         self.core.read_study("RenameStudy", study)
     }
 
@@ -271,8 +268,7 @@ impl Client {
             fixed: configuration_to_wire(fixed.as_raw()).values,
             validate_only: only_try,
         };
-        let mut rpc = self.core.rpc();
-        let answer = self.core.admin("ChangeSpace", rpc.change_space(request)).await?;
+        let answer = self.core.admin("ChangeSpace", self.core.rpc().change_space(request)).await?;
         Ok(ChangedSpace {
             study: self.core.read_study("ChangeSpace", answer.study.unwrap_or_default())?,
             kept_trials: answer.kept_trials,
@@ -287,8 +283,7 @@ impl Client {
     /// Errors: [`ClientError::Refused`] when there is none; [`ClientError::Away`], [`ClientError::Late`].
     pub async fn delete_study(&self, id: &str) -> Result<(), ClientError> {
         let request = v1::DeleteStudyRequest { name: study_name(id) };
-        let mut rpc = self.core.rpc();
-        self.core.admin("DeleteStudy", rpc.delete_study(request)).await
+        self.core.admin("DeleteStudy", self.core.rpc().delete_study(request)).await
     }
 
     /// Reads trials. Nothing is asked before the first [`TrialPages::next`].
@@ -365,8 +360,7 @@ impl Core {
     ) -> Result<StudyRecord, ClientError> {
         let study_id = name.strip_prefix("studies/").unwrap_or(name).to_owned();
         let request = v1::CreateStudyRequest { study_id, study: Some(spec_to_wire(spec)) };
-        let mut rpc = self.rpc();
-        let study = self.admin("CreateStudy", rpc.create_study(request)).await?;
+        let study = self.admin("CreateStudy", self.rpc().create_study(request)).await?;
         let record = self.read_study("CreateStudy", study)?;
         if let Ok(stored) = &record.spec {
             check_kept(name, &spec.objective, &stored.objective)?;
@@ -431,8 +425,7 @@ impl Core {
 
     pub(crate) async fn extend_lease(&self, trial: &str) -> Result<TrialRecord, ClientError> {
         let request = v1::ExtendLeaseRequest { trial: trial.to_owned() };
-        let mut rpc = self.rpc();
-        let trial = self.admin("ExtendLease", rpc.extend_lease(request)).await?;
+        let trial = self.admin("ExtendLease", self.rpc().extend_lease(request)).await?;
         self.read_trial("ExtendLease", trial)
     }
 }
