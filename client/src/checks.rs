@@ -25,8 +25,8 @@ pub(crate) fn measurements(measurements: &Measurements) -> Result<(), ClientErro
     checked.map_err(|problem| ClientError::invalid("measurements", problem.to_string()))
 }
 
-/// Checks a result: with [`Outcome::Ok`] it must have every metric of the objective, and a cost unless it is
-/// beyond a limit. Limits hold for full trials alone. The daemon would refuse it later, when nobody looks.
+/// Checks a result: with [`Outcome::Ok`] it must have a cost, unless it is beyond a limit. Limits hold for
+/// full trials alone. The daemon would refuse it later, when nobody looks.
 pub(crate) fn result(
     spec: &StudySpec,
     is_full: bool,
@@ -36,16 +36,13 @@ pub(crate) fn result(
     measurements(measured)?;
     match outcome {
         Outcome::Ok => {
-            let terms = spec.objective.terms().iter().map(|term| &term.metric);
-            let limits = spec.objective.limits().iter().filter(|_| is_full).map(|limit| &limit.metric);
-            match terms.chain(limits).find(|metric| measured.get(metric).is_none()) {
-                Some(metric) => {
-                    let problem =
-                        "it is part of the objective and missing; measure it, or report another outcome";
-                    Err(ClientError::invalid(format!("measurement `{metric}`"), problem))
-                }
-                None => has_cost(spec, is_full, measured),
+            // A result beyond a limit is infeasible and needs no cost.
+            match spec.objective.beyond(&measured.0) {
+                Ok(Some(_)) if is_full => Ok(()),
+                Err(problem) if is_full => Err(problem),
+                _ => spec.objective.cost(&measured.0).map(drop),
             }
+            .map_err(|problem| ClientError::invalid("result", problem.to_string()))
         }
         Outcome::Aborted { lower_bound } if !(lower_bound.is_finite() && *lower_bound >= 0.0) => {
             let problem = format!("{lower_bound} is not a finite number of at least 0");
@@ -53,17 +50,6 @@ pub(crate) fn result(
         }
         Outcome::Aborted { .. } | Outcome::Infeasible { .. } | Outcome::Failed { .. } => Ok(()),
     }
-}
-
-fn has_cost(spec: &StudySpec, is_full: bool, measured: &Measurements) -> Result<(), ClientError> {
-    let numbers = measured.iter().map(|(name, value)| (name.to_owned(), value)).collect();
-    // A result beyond a limit is infeasible and needs no cost.
-    match spec.objective.beyond(&numbers) {
-        Ok(Some(_)) if is_full => Ok(()),
-        Err(problem) if is_full => Err(problem),
-        _ => spec.objective.cost(&numbers).map(drop),
-    }
-    .map_err(|problem| ClientError::invalid("result", problem.to_string()))
 }
 
 #[cfg(test)]
