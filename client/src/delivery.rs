@@ -54,20 +54,18 @@ async fn deliver(core: &Core) {
 }
 
 async fn send(core: &Core, item: &OutboxItem) -> Result<(), ClientError> {
-    let mut rpc = core.rpc();
-    let trial = item.trial.to_string();
     match &item.message {
         Message::Report(measurements, outcome) => {
             core.counters.sent.add(1);
             core.counters.resent.add(usize::from(item.attempts > 0));
             let request = report_request(&item.trial, measurements, outcome);
-            let response = core.call("Report", limits::DELIVERY_ATTEMPT, rpc.report(request)).await?;
+            let response = core.call("Report", limits::DELIVERY_ATTEMPT, core.rpc().report(request)).await?;
             core.counters.acknowledged.add(1);
             core.counters.duplicates.add(usize::from(response.duplicate));
         }
         Message::Abandon => {
-            let request = v1::AbandonTrialRequest { trial };
-            core.call("AbandonTrial", limits::DELIVERY_ATTEMPT, rpc.abandon_trial(request)).await?;
+            let request = v1::AbandonTrialRequest { trial: item.trial.to_string() };
+            core.call("AbandonTrial", limits::DELIVERY_ATTEMPT, core.rpc().abandon_trial(request)).await?;
             core.counters.abandoned.add(1);
         }
     }

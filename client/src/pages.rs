@@ -74,9 +74,8 @@ impl TrialPages {
     /// exist; [`ClientError::Away`], [`ClientError::Late`], [`ClientError::Malformed`].
     pub async fn next(&mut self) -> Result<Option<TrialRecord>, ClientError> {
         while self.page.is_empty() && !self.last_page {
-            let mut rpc = self.core.rpc();
-            let limit = self.core.options.call_deadline;
-            let answer = self.core.call("QueryTrials", limit, rpc.query_trials(self.request.clone())).await?;
+            let answer =
+                self.core.admin("QueryTrials", self.core.rpc().query_trials(self.request.clone())).await?;
             self.last_page = answer.next_page_token.is_empty();
             self.request.page_token = answer.next_page_token;
             self.page = answer.trials.into();
