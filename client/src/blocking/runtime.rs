@@ -25,7 +25,7 @@ impl RuntimeThread {
         let runtime = Builder::new_current_thread().enable_all().build().map_err(no_runtime)?;
         let handle = runtime.handle().clone();
         let (end, ended) = oneshot::channel();
-        let core = Arc::new(Mutex::new(None));
+        let core: Arc<Mutex<Option<Arc<Core>>>> = Arc::default();
         let to_flush = Arc::clone(&core);
         let drive = move || {
             runtime.block_on(async {
