@@ -1,5 +1,5 @@
 //! Requests in the daemon's types. `treewright_proto::convert` converts messages to types of the model. What
-//! is wrong is [`Error::Invalid`] with its field, here and in [`names`](super::names).
+//! is wrong is [`Error::Invalid`] with its field, here and in [`names`].
 
 use std::collections::BTreeMap;
 

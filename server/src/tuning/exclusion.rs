@@ -31,7 +31,7 @@ impl Tuning {
                 let (number, state) = (stored.number, stored.state);
                 return Err(Error::from(TunerError::NotCompleted { number, state }));
             }
-            Ok((stored.exclusion.as_deref() == reason).then(|| Err(stored.clone())))
+            Ok((stored.exclusion.as_deref() == reason).then(|| Err(Box::new(stored.clone()))))
         };
         // Both are to be durable: what the tuner dropped, and the mark.
         let exclude = |live: &mut Live, store: &dyn Store, stored: RawTrial, _: i64| {
@@ -42,7 +42,7 @@ impl Tuning {
         };
         let receipts = match self.change_closed(name, mark, known, exclude).await? {
             Ok(receipts) => receipts,
-            Err(unchanged) => return Ok(unchanged),
+            Err(unchanged) => return Ok(*unchanged),
         };
         for receipt in receipts {
             self.metrics().durable(receipt).await?;

@@ -13,13 +13,16 @@ use treewright_client::{Condition, Configuration, Domain, Parameter, Space, Spac
 
 use crate::mesh::Mesh;
 
+/// Builds with a configuration, and traces.
+type Run = fn(&Configuration, &Mesh, u32) -> Result<Cost, Box<dyn Error>>;
+
 /// A library that builds trees: its name, and the functions of its module.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Library {
     pub(crate) name: &'static str,
     space: fn() -> Result<Space, SpaceError>,
     fixed: fn() -> Vec<(String, Configuration)>,
-    run: fn(&Configuration, &Mesh, u32) -> Result<Cost, Box<dyn Error>>,
+    run: Run,
 }
 
 /// The libraries of this build. The first is the default where several may be taken.
