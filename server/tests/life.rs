@@ -18,10 +18,12 @@ use tonic_reflection::pb::v1::server_reflection_client::ServerReflectionClient;
 use tonic_reflection::pb::v1::server_reflection_request::MessageRequest;
 use tonic_reflection::pb::v1::server_reflection_response::MessageResponse;
 use treewright_proto::v1 as wire;
+use treewright_server::admission::AdmissionLimits;
 use treewright_server::clock::ManualClock;
+use treewright_server::connections::ConnectionLimits;
 use treewright_server::listeners::Listeners;
 use treewright_server::serve::{self, Options};
-use treewright_store::{Faults, MemoryStore, Store};
+use treewright_store::{Faults, MemoryStore, SqliteStore, Store};
 
 /// Rounds of one client: the names and configurations it gets.
 async fn rounds(client: &mut Client, count: u32) -> Vec<(String, Option<wire::Configuration>)> {
@@ -228,10 +230,19 @@ async fn figures_follow_what_happens_and_readiness_follows_the_database() {
 async fn figures_of_studies_are_shown_of_a_few() {
     let watch = TcpListener::bind("127.0.0.1:0").await.expect("a port");
     let address = watch.local_addr().expect("an address");
-    let options =
-        Options { drain: Duration::from_secs(5), watch: Some(watch), studies_shown: 2, ..Options::default() };
+    let options = Options {
+        drain: Duration::from_secs(5),
+        watch: Some(watch),
+        studies_shown: 2,
+        connections: ConnectionLimits::new(9, 9),
+        admission: AdmissionLimits { requests: 8, streams: 7 },
+        ..Options::default()
+    };
     let clock = Arc::new(ManualClock::at(START_MS));
-    let server = Server::with_options(Arc::new(MemoryStore::new()), Arc::clone(&clock), options).await;
+    let folder = tempfile::tempdir().expect("a scratch folder");
+    let path = folder.path().join("studies.db");
+    let store = SqliteStore::open(&path).await.expect("a database");
+    let server = Server::with_options(Arc::new(store), Arc::clone(&clock), options).await;
     let mut client = server.client().await;
     for study in ["attic", "cellar", "hall"] {
         create(&mut client, study).await;
@@ -255,5 +266,15 @@ async fn figures_of_studies_are_shown_of_a_few() {
     };
     assert_eq!((sum("frames"), sum("cost"), sum("regret")), (2.0, 11.0, 3.0), "{text}");
     assert!(!text.contains("attic"), "two were used since");
+
+    assert_eq!(value(&text, "treewright_studies_in_memory "), Some(3.0));
+    assert_eq!(value(&text, "treewright_open_leases "), Some(2.0), "those of the attic and of the cellar");
+    for (figure, name) in [("database", "studies.db"), ("database_log", "studies.db-wal")] {
+        let bytes = std::fs::metadata(folder.path().join(name)).expect("a file").len();
+        assert_eq!(value(&text, &format!("treewright_{figure}_bytes ")), Some(bytes as f64), "{name}");
+    }
+    for (figure, most) in [("connections", 9.0), ("requests_in_flight", 8.0), ("tune_streams", 7.0)] {
+        assert_eq!(value(&text, &format!("treewright_{figure}_limit ")), Some(most), "{figure}");
+    }
     server.stop().await;
 }
