@@ -16,11 +16,13 @@ async fn what_was_acknowledged_before_a_backup_comes_back_from_it() {
     let mut book = Book::open(&daemon).await;
     book.frames(100).await;
 
-    // Frames go on meanwhile.
+    // Frames go on meanwhile, and an older copy is replaced.
+    std::fs::write(&backup, "an older copy").expect("room");
     let before = book.acknowledged.clone();
     let (from, to) = (database.clone(), backup.clone());
     let copying = tokio::task::spawn_blocking(move || {
-        run("treewrightd", &["backup", "--database", path_text(&from), "--to", path_text(&to)])
+        let to = ["--to", path_text(&to), "--replace"];
+        run("treewrightd", &[&["backup", "--database", path_text(&from)], &to[..]].concat())
     });
     while !copying.is_finished() {
         book.frames(1).await;

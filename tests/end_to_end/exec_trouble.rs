@@ -46,8 +46,9 @@ fn is_alive(number: &str) -> bool {
 #[test]
 fn values_without_a_number_do_not_end_the_search_and_are_told() {
     let bench = Site::new();
-    let script = r#"l={x}.5; [ {x} -gt 5 ] && l=NaN; echo "{\"loss\": $l, \"Throughput\": 3}""#;
-    let output = bench.exec("nan", &["--trials", "12"], script);
+    // An exit code that is accepted makes no difference.
+    let script = r#"l={x}.5; [ {x} -gt 5 ] && l=NaN; echo "{\"loss\": $l, \"Throughput\": 3}"; exit 3"#;
+    let output = bench.exec("nan", &["--trials", "12", "--accept-exit", "1,3"], script);
     let (done, said) = (json(&output), stderr(&output));
     assert_eq!(done["trials"], 12, "{done}");
     assert!(done["failed"].as_u64() > Some(0), "{done}");
