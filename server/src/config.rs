@@ -354,6 +354,7 @@ fn collector(text: &str) -> Result<String, String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::descriptors::DescriptorShares;
 
     fn read(arguments: &[&str]) -> Result<ServeConfig, clap::Error> {
         let all = ["treewrightd", "serve"].iter().chain(arguments);
@@ -376,6 +377,17 @@ mod tests {
         assert!(!config.guard.insecure);
         assert!(!config.guard.asks_for_tokens(config.listen));
         assert_eq!(config.drain(), Duration::from_secs(10));
+    }
+
+    #[test]
+    fn the_capacity_is_what_was_asked_for() {
+        let asked = "--database x --max-connections 40 --max-connections-per-address 7 --max-streams 5 \
+                     --max-requests 3";
+        let capacity = read(&asked.split(' ').collect::<Vec<_>>()).unwrap().capacity;
+        let connections = capacity.connections(&DescriptorShares::of(1024));
+        assert_eq!((connections.total, connections.per_address), (40, 7));
+        let admission = capacity.admission();
+        assert_eq!((admission.streams, admission.requests), (5, 3));
     }
 
     #[test]

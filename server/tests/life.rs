@@ -278,3 +278,34 @@ async fn figures_of_studies_are_shown_of_a_few() {
     }
     server.stop().await;
 }
+
+#[tokio::test]
+async fn more_idle_clients_than_connections_take_turns() {
+    const MOST: usize = 6;
+    let watch = TcpListener::bind("127.0.0.1:0").await.expect("a port");
+    let address = watch.local_addr().expect("an address");
+    let connections = ConnectionLimits::new(MOST, MOST);
+    let drain = Duration::from_secs(5);
+    let options = Options { drain, watch: Some(watch), connections, ..Options::default() };
+    let clock = Arc::new(ManualClock::at(START_MS));
+    let server = Server::with_options(Arc::new(MemoryStore::new()), clock, options).await;
+    let mut clients = Vec::new();
+    for _ in 0..3 * MOST {
+        let mut client = server.client().await;
+        client.list_studies(wire::ListStudiesRequest::default()).await.expect("served");
+        clients.push(client);
+    }
+    let text = ask(address, "GET", "/metrics").await;
+    assert_eq!(value(&text, "treewright_connections "), Some(MOST as f64));
+    let made_room = value(&text, "treewright_connections_lost_total{reason=\"made_room\"}");
+    assert!(made_room >= Some(2.0 * MOST as f64), "{text}");
+    for client in &mut clients {
+        // The first answer may be that the connection is gone; the client connects again by itself.
+        let mut is_served = false;
+        for _ in 0..3 {
+            is_served |= client.list_studies(wire::ListStudiesRequest::default()).await.is_ok();
+        }
+        assert!(is_served);
+    }
+    server.stop().await;
+}
