@@ -200,3 +200,36 @@ fn ending(record: &TokenRecord, now_ms: i64) -> String {
         None => "never ends".to_owned(),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use treewright_store::MemoryTokens;
+    use treewright_store::tokens::Quota;
+
+    use super::*;
+    use crate::config::{Cli, Command};
+
+    #[tokio::test]
+    async fn a_token_has_the_end_and_the_quotas_that_were_asked_for() {
+        let line = "treewrightd token create --database x --name hall --scope read --expires 90s \
+                    --requests-per-s 1 --max-studies 2 --max-trials 3 --trials-per-day 4 --bytes-per-day 5";
+        let Command::Token(TokenCommand::Create(config)) = Cli::read(line.split(' ')).expect("good").command
+        else {
+            panic!("it says token create")
+        };
+        let tokens = MemoryTokens::new();
+        create(&tokens, &config, 1_000).await.expect("created");
+        let stored = tokens.list().await.expect("listed").remove(0);
+        assert_eq!((stored.create_ms, stored.expire_ms), (1_000, Some(91_000)));
+        let quota = Quota {
+            requests_per_s: Some(1),
+            studies: Some(2),
+            trials: Some(3),
+            trials_per_day: Some(4),
+            bytes_per_day: Some(5),
+        };
+        assert_eq!(stored.quota, quota);
+        assert_eq!(ending(&stored, 1_000), "ends in 1m 30s");
+        assert_eq!(ending(&stored, 91_000), "expired");
+    }
+}
