@@ -50,7 +50,7 @@ fn decode<M: Message + Default>(bytes: &[u8]) -> Option<Request<M>> {
 /// The RPCs with their functions, each of which is called with the message that the bytes are.
 macro_rules! rpcs {
     ($($kind:ident: $call:ident,)*) => {
-        /// The RPCs, by the byte that chooses one.
+        /// The RPCs, by the byte that chooses one. New ones stand at the end: the corpus has these bytes.
         #[derive(Clone, Copy)]
         enum Kind {
             $($kind,)*
