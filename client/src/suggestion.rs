@@ -24,7 +24,8 @@ pub enum Source {
     /// latest answer that ran there and has not failed since, else the cheapest configuration that did. In
     /// another state it is the latest answer that ran elsewhere and failed nowhere.
     LastGood,
-    /// The daemon did not answer, and there is none of these; these are the space's recommended values.
+    /// The daemon did not answer, and there is none of these. It is the program's start
+    /// ([`crate::Study::set_start`]), or without one the space's recommended values.
     Default,
 }
 
@@ -76,16 +77,14 @@ impl Suggestion {
 
     pub(crate) fn fallback(study: Arc<StudyContext>, indicators: &Indicators, problem: SharedError) -> Self {
         let last_good = study.last_good(indicators);
-        let (source, mode) = match last_good {
-            Some(_) => (Source::LastGood, Mode::Exploit),
-            None => (Source::Default, Mode::Default),
+        let start = study.start();
+        let (source, mode, what) = match (&last_good, &start) {
+            (Some(_), _) => (Source::LastGood, Mode::Exploit, "the last good configuration"),
+            (None, Some(_)) => (Source::Default, Mode::Default, "the program's own default"),
+            (None, None) => (Source::Default, Mode::Default, "the recommended values"),
         };
-        let default = || study.start().unwrap_or_else(|| study.spec.space.default_configuration().into());
-        let configuration = last_good.unwrap_or_else(default);
-        let what = match source {
-            Source::LastGood => "the last good configuration",
-            Source::Daemon | Source::Default => "the recommended values",
-        };
+        let recommended = || study.spec.space.default_configuration().into();
+        let configuration = last_good.or(start).unwrap_or_else(recommended);
         let summary = format!("{what}, because of: {problem}");
         let reason = Reason { summary, source: "fallback".into(), ..Reason::default() };
         let problem = Some(problem);

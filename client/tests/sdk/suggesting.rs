@@ -65,6 +65,8 @@ async fn a_program_begins_with_its_own_default_also_without_the_daemon() {
     fake.book().refuse.insert("Suggest", Code::InvalidArgument);
     let fallback = study.suggest(&state(5)).await;
     assert_eq!((fallback.source(), fallback.configuration()), (Source::Default, &own));
+    let said = &fallback.reason().summary;
+    assert!(said.starts_with("the program's own default, because of"), "{said}");
     study.set_start(None).unwrap();
     assert_eq!(study.suggest(&state(5)).await.configuration().integer("max_depth").unwrap(), 32);
     let outside = Configuration::new().with("max_depth", 1);

@@ -327,7 +327,7 @@ enum tw_source {
   TW_DAEMON = 0,    /* the daemon, in time */
   TW_LAST_GOOD = 1, /* the daemon did not answer: its latest answer that ran in this state and has not failed since, else the
                      * cheapest configuration that did; where nothing ran here, its latest answer that failed nowhere */
-  TW_DEFAULT = 2    /* the daemon did not answer, and there is none of these: the defaults */
+  TW_DEFAULT = 2    /* the daemon did not answer, and there is none of these: the start, else the defaults */
 };
 
 /* Borrowed from the suggestion. NULL for NULL. */
