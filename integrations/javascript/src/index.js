@@ -15,7 +15,7 @@ import { TreewrightError, refined } from "./error.js";
 import { Front, FrontTrial, storedFront } from "./front.js";
 import { Memory, costOf } from "./memory.js";
 import { Outbox } from "./outbox.js";
-import { bestFromWire, checkIndicators, configurationFromWire, configurationToWire, defaultConfiguration, spaceToWire, specToWire, valueToWire } from "./wire.js";
+import { bestFromWire, checkIndicators, checkStart, configurationFromWire, configurationToWire, defaultConfiguration, spaceToWire, specToWire, valueToWire } from "./wire.js";
 import { takeWorker } from "./workers.js";
 
 export { Front, FrontTrial, TreewrightError };
@@ -285,10 +285,7 @@ export class Study {
   }
 
   setStart(configuration) {
-    for (const name of Object.keys(configuration ?? {})) {
-      if (this.spec.parameters.some((each) => each.name === name)) continue;
-      throw new TreewrightError("invalid", `start: the study has no parameter ${name}`);
-    }
+    if (configuration) checkStart(configuration, this.spec);
     this.#start = configuration && { ...configuration };
   }
 

@@ -136,6 +136,27 @@ export function checkIndicators(indicators, spec) {
   }
 }
 
+/** Whether a value is in the domain of a parameter. */
+function fits({ type, min, max, values }, value) {
+  if (type === "boolean") return typeof value === "boolean";
+  if (type === "choice") return values.includes(value);
+  return typeof value === "number" && value >= min && value <= max && (type === "float" || Number.isInteger(value));
+}
+
+/** A start must be whole, as it runs without the daemon as well: exactly what is active has a value. Constraints are left to the daemon. */
+export function checkStart(start, spec) {
+  const wrong = (problem) => new TreewrightError("invalid", `start: ${problem}`);
+  for (const name of Object.keys(start))
+    if (!spec.parameters.some((each) => each.name === name)) throw wrong(`the study has no parameter ${name}`);
+  for (const parameter of spec.parameters) {
+    const { name, activeIf } = parameter;
+    const isActive = !activeIf || activeIf.anyOf.includes(start[activeIf.parameter]);
+    if (!isActive && Object.hasOwn(start, name)) throw wrong(`${name} is not active here; leave it out`);
+    if (isActive && !Object.hasOwn(start, name)) throw wrong(`${name} is active here and has no value; give it one`);
+    if (isActive && !fits(parameter, start[name])) throw wrong(`${start[name]} is no value of ${name}; see its range or its list`);
+  }
+}
+
 const STATE_TOLERANCE = 0.01;
 
 /** A value on the scale of its indicator, where the lowest is 0 and the highest 1. */

@@ -153,7 +153,15 @@ async function withoutDaemon() {
   study.setStart(start);
   assert.deepEqual((await study.suggest({ triangles: 1 })).configuration, start);
   study.setStart();
-  assert.throws(() => study.setStart({ leef: 3 }), /no parameter leef/);
+  const { leaf: _, ...partial } = start;
+  for (const [wrong, words] of [
+    [{ ...start, leef: 3 }, /no parameter leef/],
+    [partial, /leaf is active here and has no value/],
+    [{ ...start, cost: 2 }, /cost is not active/],
+    [{ ...start, leaf: 64 }, /64 is no value of leaf/],
+    [{ ...start, budget: 1.3 }, /1.3 is no value of budget/],
+  ])
+    assert.throws(() => study.setStart(wrong), words);
   await suggestion.extendLease();
   suggestion.report({ ms: 1 });
   assert.equal(client.stats.unreported, 1);
