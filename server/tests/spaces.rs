@@ -285,6 +285,11 @@ async fn where_no_default_is_of_both_spaces_a_measured_configuration_answers() {
     let old = |count| wire::SuggestRequest { space_revision: 1, ..ask("old", count) };
     let nothing_fits = client.suggest(old(10.0)).await;
     assert_refused(nothing_fits, Code::FailedPrecondition, "start the program with");
+    // A start that is of both takes the place of the defaults.
+    let start = Some(configuration(24, "low"));
+    let begun = wire::SuggestRequest { start: start.clone(), ..old(50.0) };
+    let trial = client.suggest(begun).await.expect("its start").into_inner();
+    assert_eq!(trial.configuration, start);
     // What it wants itself is of both.
     for revision in [1, 2] {
         let trial = client.suggest(of_both(revision)).await.expect("a trial").into_inner();

@@ -187,7 +187,7 @@ impl Live {
             }
         }
         let known_here = || self.cheapest_known(revision, self.tuner.state_of(&suggest.ask)?);
-        let fallback = self.fallback(revision).or_else(known_here);
+        let fallback = self.fallback(revision, suggest.ask.start.as_ref()).or_else(known_here);
         if fallback.is_none() && suggest.wanted.is_none() {
             // Nothing has changed yet.
             return Ok(Err(TunerError::Outdated(revision)));
@@ -243,10 +243,11 @@ impl Live {
         }
     }
 
-    /// A prediction as a client with a revision of the space can run it.
+    /// A prediction as a client with a revision of the space, and with a start or none, can run it.
     pub(super) fn in_revision(
         &self,
         revision: u32,
+        start: Option<&RawConfiguration>,
         prediction: Prediction,
     ) -> Result<Prediction, TunerError> {
         let Some(revision) = self.outdated(revision) else {
@@ -257,7 +258,7 @@ impl Live {
         }
         let state = prediction.insight.as_ref().map(|insight| insight.state_id);
         let chosen = state.and_then(|state| self.cheapest_known(revision, state));
-        let chosen = chosen.or_else(|| self.fallback(revision));
+        let chosen = chosen.or_else(|| self.fallback(revision, start));
         let configuration = chosen.and_then(|chosen| self.expressed(revision, &chosen));
         let decision = Decision { said: Some(words(revision)), ..prediction.decision };
         Ok(Prediction {
@@ -294,12 +295,14 @@ impl Live {
         self.earlier.express(revision, configuration, &self.tuner.spec().space)
     }
 
-    /// A configuration that a client of an earlier revision can always run: its default, or the present one.
-    fn fallback(&self, revision: u32) -> Option<Configuration> {
+    /// A configuration that a client of an earlier revision can always run: its start, its default, or the
+    /// present one.
+    fn fallback(&self, revision: u32, start: Option<&RawConfiguration>) -> Option<Configuration> {
         let present = &self.tuner.spec().space;
+        let own = start.and_then(|start| present.configuration(start.clone()).ok());
         let theirs = self.earlier.space(revision)?.default_configuration();
         let theirs = self.earlier.adopt(revision, theirs.into(), present);
-        let defaults = [theirs, Some(present.default_configuration())];
+        let defaults = [own, theirs, Some(present.default_configuration())];
         defaults.into_iter().flatten().find(|default| self.expressed(revision, default).is_some())
     }
 }

@@ -154,7 +154,8 @@ impl Tuning {
                 },
             };
             let predicted = live.tuner.predict_planned(indicators, fingerprint, start.as_ref(), plan);
-            let predicted = predicted.and_then(|prediction| live.in_revision(space_revision, prediction));
+            let in_revision = |prediction| live.in_revision(space_revision, start.as_ref(), prediction);
+            let predicted = predicted.and_then(in_revision);
             Ok(predicted.map_err(Error::from))
         })
         .await?
