@@ -316,7 +316,10 @@ impl Objective {
         for limit in &self.limits {
             let metric = &limit.metric;
             let Some(&value) = measurements.get(metric) else {
-                return refuse(format!("measurement {metric:?} is missing; the study limits it ({limit})"));
+                return refuse(format!(
+                    "measurement {metric:?} is missing; the study limits it ({limit}): measure it, or report \
+                     another outcome"
+                ));
             };
             if !limit.allows(value) {
                 return Ok(Some(format!("{metric} is {value}, and the study asks for {limit}")));
@@ -352,7 +355,10 @@ impl Objective {
         let mut cost = 0.0;
         for ObjectiveTerm { metric, weight } in &self.terms {
             let Some(&value) = measurements.get(metric) else {
-                return refuse(format!("measurement {metric:?} is missing; the objective needs it"));
+                return refuse(format!(
+                    "measurement {metric:?} is missing; the objective needs it: measure it, or report another \
+                     outcome"
+                ));
             };
             check_measurement(metric, value)?;
             if self.maximised.contains(metric) {

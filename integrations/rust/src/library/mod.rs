@@ -39,7 +39,10 @@ pub(crate) const LIBRARIES: &[Library] = &[
 /// The library of a name.
 pub(crate) fn named(name: &str) -> Result<Library, String> {
     let known = LIBRARIES.iter().find(|library| library.name == name).copied();
-    known.ok_or_else(|| format!("this build has no library {name}"))
+    known.ok_or_else(|| {
+        let names: Vec<&str> = LIBRARIES.iter().map(|library| library.name).collect();
+        format!("this build has no library {name}; it has {}", names.join(", "))
+    })
 }
 
 /// The spaces of these libraries, joined below a parameter that says which is taken; the default is the first
