@@ -156,6 +156,13 @@ static void without_daemon(void) {
   CHECK(tw_suggestion_report(suggestion, result, 1, &error));
   CHECK(tw_client_count(client, TW_COUNT_UNREPORTED) == 1 && tw_client_count(client, TW_COUNT_FALLBACKS) == 1);
   FAILS(tw_study_best(study, NULL, 0, NULL, &error), TW_AWAY, "start one with");
+  /* A program with a default of its own runs that. */
+  const char *start = "{\"leaf\":3,\"block\":24,\"split\":\"median\",\"compact\":false,\"budget\":1.2,\"tile\":64}";
+  CHECK(tw_study_set_start(study, start, &error));
+  suggestion = tw_study_suggest(study, input, 1, &error);
+  CHECK(tw_suggestion_source(suggestion) == TW_DEFAULT && render(tw_suggestion_configuration(suggestion)) == 5);
+  CHECK(strstr(tw_suggestion_reason(suggestion), "the program's own default"));
+  tw_suggestion_free(suggestion);
   tw_client_free(client); /* before its study */
   tw_study_free(study);
 }
