@@ -176,8 +176,8 @@ export class Study {
   trialOf(configuration: Configuration, indicators?: Numbers): Promise<Suggestion>;
   /**
    * Sets what the program runs by default, with all its values, where that is not the study's default; without an argument it is that.
-   * It is measured first in a state, and answers there are what is better than it. Throws where a value is missing, unknown or out of
-   * its range.
+   * It is measured first in a state, and answers there are what is better than it.
+   * Throws where a value is missing, unknown or out of its range.
    */
   setStart(configuration?: Configuration): void;
   /**

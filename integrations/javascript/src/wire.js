@@ -143,7 +143,7 @@ function fits({ type, min, max, values }, value) {
   return typeof value === "number" && value >= min && value <= max && (type === "float" || Number.isInteger(value));
 }
 
-/** A start must be whole, as it runs without the daemon as well: exactly what is active has a value. Constraints are left to the daemon. */
+/** A start must be whole, as it runs without the daemon, too. Constraints are left to the daemon. */
 export function checkStart(start, spec) {
   const wrong = (problem) => new TreewrightError("invalid", `start: ${problem}`);
   for (const name of Object.keys(start))

@@ -158,8 +158,10 @@ class Study:
     def trial_of(self, configuration: Mapping[str, Value], indicators: Optional[Numbers] = None) -> Suggestion:
         """A trial of the caller's own configuration."""
     def set_start(self, configuration: Optional[Mapping[str, Value]] = None) -> None:
-        """Sets what this program runs by default, where that is not the study's default; None for that. Parameters that are not named
-        have their defaults. Answers are what is better than it. Raises Invalid for one that does not fit the space."""
+        """Sets what this program runs by default, where that is not the study's default; None for that.
+
+        Parameters that are not named have their defaults. Answers are what is better than it. Raises Invalid for
+        one that does not fit the space."""
     def extend_lease(self, suggestion: Suggestion) -> None:
         """Renews the lease of an open suggestion, counted from now. Raises Refused where the daemon has ended its trial."""
     def predict(self, indicators: Optional[Numbers] = None) -> Prediction:
