@@ -200,6 +200,37 @@ impl Subtree for InSketch {
     }
 }
 
+/// A tree over boxes, at least one, that halves their list again and again. It is a bad one, but none is
+/// shallower.
+pub(super) fn halved(boxes: &[Bounds]) -> BinaryTree {
+    BinaryTree::of(Halves { boxes, first: 0 })
+}
+
+/// A run of a list of boxes, and the number of its first one.
+struct Halves<'a> {
+    boxes: &'a [Bounds],
+    first: u32,
+}
+
+impl Subtree for Halves<'_> {
+    fn bounds(&self) -> Bounds {
+        self.boxes.iter().copied().fold(Bounds::EMPTY, Bounds::union)
+    }
+
+    fn leaves(&self) -> u32 {
+        self.boxes.len() as u32
+    }
+
+    fn open(self) -> Opened<Self> {
+        let (left, right) = self.boxes.split_at(self.boxes.len() / 2);
+        if left.is_empty() {
+            return Opened::Leaf(self.first);
+        }
+        let middle = self.first + left.len() as u32;
+        Opened::Node([Self { boxes: left, first: self.first }, Self { boxes: right, first: middle }])
+    }
+}
+
 /// Writes a subtree down. The nodes below it go into `below`, whose first place has the number `first`;
 /// `node` is the number it will have itself. Recursion is as deep as the tree.
 fn write<S: Subtree>(
@@ -236,28 +267,6 @@ pub(super) mod tests {
     use proptest::prelude::*;
 
     use super::*;
-
-    /// A tree over boxes that halves their list again and again, so a bad one.
-    pub(crate) fn halved(leaves: &[Bounds]) -> BinaryTree {
-        fn fill(tree: &mut BinaryTree, number: usize, leaves: &[(u32, Bounds)]) {
-            let bounds = leaves.iter().map(|leaf| leaf.1).fold(Bounds::EMPTY, Bounds::union);
-            if let [(triangle, bounds)] = leaves {
-                tree.nodes[number] = BinaryNode::leaf(*bounds, *triangle);
-                return;
-            }
-            let first = tree.nodes.len();
-            tree.nodes.extend([BinaryNode::UNUSED; 2]);
-            tree.parents.push(number as u32);
-            tree.nodes[number] = BinaryNode::inner(bounds, first, leaves.len() as u32);
-            let (left, right) = leaves.split_at(leaves.len() / 2);
-            fill(tree, first, left);
-            fill(tree, first + 1, right);
-        }
-        let leaves: Vec<(u32, Bounds)> = (0..).zip(leaves.iter().copied()).collect();
-        let mut tree = BinaryTree { nodes: vec![BinaryNode::UNUSED; 2], parents: vec![0] };
-        fill(&mut tree, 0, &leaves);
-        tree
-    }
 
     /// Boxes of all kinds: large, small, flat, coincident.
     pub(crate) fn boxes() -> impl Strategy<Value = Vec<Bounds>> {

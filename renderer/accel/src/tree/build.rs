@@ -10,7 +10,7 @@
 
 use std::sync::Arc;
 
-use super::binary::BinaryTree;
+use super::binary::{BinaryTree, halved};
 use super::callbacks;
 use super::collapse::collapse;
 use super::emit::emit;
@@ -126,6 +126,12 @@ pub(super) fn plan_over(
         TreeParameters { max_depth: *MAX_DEPTH.end(), max_leaf_size: 1, ..TreeParameters::default() };
     let tree = sketched(device, &Triangles::default(), boxes.len(), |number| boxes[number], &one_each)?;
     Ok(collapsed(tree, &TreeParameters { branching_factor, reinsertion_passes, ..one_each }))
+}
+
+/// As [`plan_over`], from halves of the list: where that tree would be too deep.
+pub(super) fn plan_over_halves(boxes: &[Bounds], branching_factor: u32, reinsertion_passes: u32) -> Plan {
+    let one_each = TreeParameters { max_leaf_size: 1, ..TreeParameters::default() };
+    collapsed(halved(boxes), &TreeParameters { branching_factor, reinsertion_passes, ..one_each })
 }
 
 /// The box of each triangle, by number.

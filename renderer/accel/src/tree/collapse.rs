@@ -248,7 +248,8 @@ fn children<const W: usize>(
 mod tests {
     use proptest::prelude::*;
 
-    use super::super::binary::tests::{boxes, halved};
+    use super::super::binary::halved;
+    use super::super::binary::tests::boxes;
     use super::super::plan::{Link, Named};
     use super::*;
     use crate::layout::Bounds;

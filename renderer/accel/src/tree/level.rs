@@ -7,7 +7,7 @@ use rayon::prelude::*;
 
 use super::Tree;
 use super::arena::Arena;
-use super::build::plan_over;
+use super::build::{plan_over, plan_over_halves};
 use super::outline::Outline;
 use super::plan::Plan;
 use super::write::{Items, write};
@@ -194,8 +194,50 @@ fn finite(bounds: Bounds) -> Bounds {
 
 /// The wide tree over the objects' boxes.
 fn plan(device: &Device, boxes: &[Bounds], parameters: &TreeParameters) -> Result<Plan, BuildError> {
+    let width = LEVEL_WIDTH as u32;
+    let plan_with = |passes| match plan_over(device, boxes, width, passes) {
+        // What lies ever farther out is taken off bit by bit, over more levels than Embree permits.
+        Err(BuildError::DepthLimit { .. }) => Ok(plan_over_halves(boxes, width, passes)),
+        plan => plan,
+    };
     let passes = if parameters.collapse == Collapse::Optimal { parameters.reinsertion_passes } else { 0 };
-    let plan = plan_over(device, boxes, LEVEL_WIDTH as u32, passes)?;
+    let plan = plan_with(passes)?;
     // Moved subtrees may come to lie deeper than the walks have room for.
-    if plan.depth <= *MAX_DEPTH.end() { Ok(plan) } else { plan_over(device, boxes, LEVEL_WIDTH as u32, 0) }
+    if plan.depth <= *MAX_DEPTH.end() { Ok(plan) } else { plan_with(0) }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::Vec3A;
+
+    use super::*;
+
+    #[test]
+    fn what_lies_ever_farther_out_gets_a_level_that_walks_have_room_for() {
+        let cube =
+            |at: Vec3A, half: f32| Bounds { lower: (at - half).to_array(), upper: (at + half).to_array() };
+        let near = (0..1000).map(|number| {
+            let at = Vec3A::new((number % 10) as f32, (number / 10 % 10) as f32, (number / 100) as f32);
+            cube((at - 4.5) * 2e-16, 5e-17)
+        });
+        // Six at each distance: the outermost ones come off first, some two a level.
+        let far = (0..150).map(|number: i32| {
+            let (out, sign) = (1e-14 * 16_f32.powi(number / 6), if number % 2 == 0 { 1.0 } else { -1.0 });
+            cube(Vec3A::AXES[number as usize % 3] * (sign * out), 1e-3 * out)
+        });
+        let boxes: Vec<Bounds> = near.chain(far).collect();
+        let device = Device::open(0).expect("Embree starts");
+        let too_deep = plan_over(&device, &boxes, LEVEL_WIDTH as u32, 0).expect_err("it is too deep");
+        assert_eq!(too_deep, BuildError::DepthLimit { max_depth: *MAX_DEPTH.end() });
+        for reinsertion_passes in [0, 2] {
+            let collapse = Collapse::Optimal;
+            let parameters = TreeParameters { collapse, reinsertion_passes, ..TreeParameters::default() };
+            let plan = plan(&device, &boxes, &parameters).expect("it builds");
+            assert!(plan.depth <= *MAX_DEPTH.end());
+            let numbers = (0..plan.leaves()).flat_map(|leaf| plan.triangles(leaf));
+            let mut numbers: Vec<u32> = numbers.copied().collect();
+            numbers.sort_unstable();
+            assert!(numbers.into_iter().eq(0..1150), "each box is in one leaf");
+        }
+    }
 }

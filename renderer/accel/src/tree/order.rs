@@ -32,7 +32,8 @@ fn children(plan: &Plan, link: Link) -> &[Child] {
 mod tests {
     use proptest::prelude::*;
 
-    use super::super::binary::tests::{boxes, halved};
+    use super::super::binary::halved;
+    use super::super::binary::tests::boxes;
     use super::super::collapse::collapse;
     use super::*;
     use crate::parameters::TreeParameters;

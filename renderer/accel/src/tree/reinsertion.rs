@@ -249,7 +249,8 @@ fn refit_above(tree: &mut BinaryTree, mut node: usize) -> f64 {
 mod tests {
     use proptest::prelude::*;
 
-    use super::super::binary::tests::{boxes, check, halved};
+    use super::super::binary::halved;
+    use super::super::binary::tests::{boxes, check};
     use super::*;
     use crate::layout::Bounds;
 
