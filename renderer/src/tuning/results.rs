@@ -207,12 +207,13 @@ impl TuningResults {
         start_cost(&costs, || Some(self.reference_ms * self.relative(&self.began_at)?))
     }
 
-    /// With its [`safety`](Self::safety). A trial that was stopped counts as one frame at its bound.
+    /// With its [`safety`](Self::safety). A trial that was stopped counts as one frame at its bound, and one
+    /// whose frame was known as that frame.
     #[must_use]
     pub fn judged(self) -> Self {
         let cost = |trial: &Iteration| match trial.stopped_at() {
             Some(bound) => Some((1, bound)),
-            None => Some((trial.frames(self.frames_per_trial), trial.cost?)),
+            None => Some((trial.frames(self.frames_per_trial).max(1), trial.cost?)),
         };
         let costs = self.trials.iter().filter_map(cost);
         let safety = self.start_ms().and_then(|start_ms| Safety::of(costs, start_ms));

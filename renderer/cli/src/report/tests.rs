@@ -298,9 +298,10 @@ fn frames_that_cost_more_than_the_start_are_told() {
     // By the rounds the start takes 52 of the baseline's 100 ms, and no trial ran it.
     assert!(results.start_ms().is_some_and(|start_ms| (start_ms - 52.0).abs() < 0.1));
     results.trials[1].outcome = Outcome::aborted(60.0);
+    results.trials[2].times = Some(FrameTimes { frames: Some(0), ..FrameTimes::of(20.0, 900.0) });
     let results = results.judged();
     let safety = results.safety.expect("four frames ran");
-    assert_eq!((safety.frames, safety.dear), (4, 3), "the stopped one, too");
+    assert_eq!((safety.frames, safety.dear), (4, 3), "the stopped one and the known one, too");
     assert!((safety.worst - 900.0 / 52.0).abs() < 0.1, "{safety:?}");
     let html = page(&results, &grey(), &grey()).expect("the page is made");
     assert!(html.contains(
