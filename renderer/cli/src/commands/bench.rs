@@ -103,7 +103,8 @@ impl<'a> Builds<'a> {
             (!values.is_empty()).then(|| Summary::of(&values).median)
         };
         let idle_share = |times: &FrameTimes| {
-            Some(1.0 - times.build_cpu_ms? / (threads as f64 * times.undelayed().build_ms))
+            // Threads that do not render are counted as well, and may add a little.
+            Some((1.0 - times.build_cpu_ms? / (threads as f64 * times.undelayed().build_ms)).max(0.0))
         };
         Some(Self {
             name: &one.who,
@@ -282,6 +283,7 @@ mod tests {
             Builds::of(&one, 2).expect("it was built").idle_share
         };
         assert_eq!(idle_share(build(20.0, 0.0)), 0.0, "both threads ran all the time");
+        assert_eq!(idle_share(build(20.5, 0.0)), 0.0, "so did a third one, for a moment");
         assert_eq!(idle_share(build(10.0, 0.0)), 0.5, "one of them did");
         assert_eq!(idle_share(build(10.0, 10.0)), 0.0, "both had work, and one place");
         assert_eq!(Builds::of(&Measured::default(), 2), None);
