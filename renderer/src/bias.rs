@@ -49,17 +49,17 @@ pub struct Bias {
 
 impl fmt::Display for Bias {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let (ratio, deviation) = (self.brightness / self.expected, self.deviation.abs());
         write!(formatter, "the brightness of the picture")?;
         if let Some(square) = self.square.checked_sub(1) {
             let (column, row) = (square % self.across + 1, square / self.across + 1);
             write!(formatter, "'s square in column {column} of {}, row {row},", self.across)?;
         }
-        write!(
-            formatter,
-            " is {ratio:.2} times what it should be, {deviation:.0} standard errors off: this sampling is \
-             not sound here"
-        )
+        match self.brightness / self.expected {
+            ratio if ratio.is_finite() => write!(formatter, " is {ratio:.2} times what it should be")?,
+            _ => write!(formatter, " should be 0")?,
+        }
+        let deviation = self.deviation.abs();
+        write!(formatter, ", {deviation:.0} standard errors off: this sampling is not sound here")
     }
 }
 
@@ -236,5 +236,7 @@ mod tests {
         assert!(bias.to_string().starts_with("the brightness of the picture is 0.98 times"), "{bias}");
         let black = drawn(|_| 0.0, 4, |_, _| 1.0, &mut random);
         assert_eq!(black.bias(&black), None);
+        let lit = found.bias(&black).expect("it is off");
+        assert!(lit.to_string().contains(" should be 0, "), "{lit}");
     }
 }
