@@ -3,7 +3,7 @@
 use std::ops::Range;
 use std::sync::Arc;
 
-use glam::{Affine3A, Mat3, Quat, Vec3};
+use glam::{Affine3A, Mat3, Quat, Vec3, Vec3A};
 use rand::RngExt;
 use treewright_accel::{
     BruteForce, BuildChoice, Builder, Collapse, Hit, Instances, Intersector, NativeOptions, NativeQuality,
@@ -181,6 +181,16 @@ fn turned_scaled_sheared_and_mirrored() {
     let good = Ray { origin: Vec3::Y, direction: Vec3::NEG_Y, t_min: 0.0, t_max: f32::INFINITY };
     rays.extend(scenes::invalid(good));
     all_agree(&triangles, &ranges, placed, &rays);
+}
+
+#[test]
+fn one_instance_alone_of_a_triangle_or_of_a_point() {
+    let one = [Vec3A::new(-1.0, -1.0, 0.1), Vec3A::new(1.0, -1.0, 0.2), Vec3A::new(0.0, 1.0, 0.0)];
+    let (triangles, ranges) = objects(&[scenes::separate([one]), scenes::separate([[Vec3A::splat(0.2); 3]])]);
+    let moved = Affine3A::from_rotation_translation(Quat::from_rotation_y(0.7), Vec3::new(0.3, -0.2, 0.5));
+    for object in [0, 1] {
+        all_agree(&triangles, &ranges, vec![(object, moved)], &scenes::rays(60, 11));
+    }
 }
 
 #[test]

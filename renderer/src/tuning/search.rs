@@ -70,7 +70,7 @@ impl Iteration {
     }
 
     /// The frames that it showed, where each trial has `frames` unless it says otherwise; 0 where it was
-    /// stopped or could not be built.
+    /// stopped, could not be built, or its frame was known.
     pub fn frames(&self, frames: u32) -> u32 {
         self.times.map_or(0, |times| times.frames.unwrap_or(frames))
     }
