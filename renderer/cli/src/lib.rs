@@ -138,6 +138,9 @@ pub fn carry_out(program: &str, run: impl FnOnce() -> Result<(), CliError>) -> E
     }
 }
 
+/// The exit code that a shell reports for a program which the signal of a closed pipe (13) has ended.
+const ENDED_WITH_ITS_READER: i32 = 128 + 13;
+
 /// Makes the program end quietly when the reader of its output has seen enough, like `head`. The standard
 /// library ignores the signal that ends other programs then, and its `println` panics.
 fn end_with_the_reader() {
@@ -145,7 +148,7 @@ fn end_with_the_reader() {
     std::panic::set_hook(Box::new(move |panic| {
         let message = panic.payload().downcast_ref::<String>();
         if message.is_some_and(|message| message.starts_with("failed printing to stdout: Broken pipe")) {
-            std::process::exit(0);
+            std::process::exit(ENDED_WITH_ITS_READER);
         }
         usual(panic);
     }));

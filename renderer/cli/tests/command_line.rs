@@ -79,7 +79,7 @@ fn a_reader_that_has_seen_enough_ends_the_program_quietly() {
             .expect("the program starts");
         drop(program.stdout.take());
         let output = program.wait_with_output().expect("it ends");
-        assert!(output.status.success(), "{arguments:?}: {output:?}");
+        assert_eq!(output.status.code(), Some(141), "{arguments:?}: {output:?}");
         assert!(output.stderr.is_empty(), "{arguments:?}: {output:?}");
     }
 }
