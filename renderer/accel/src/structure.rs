@@ -114,7 +114,8 @@ impl Structure {
     ///
     /// Two levels update each object that moves in its own space. One that rests keeps its structure, under
     /// every `update`. Where all do, the tree over the instances is fitted to their new places, and made anew
-    /// for [`Update::Rebuild`] or where its cost has grown beyond the threshold of [`Update::Partial`]. Native
+    /// for [`Update::Rebuild`] or where its cost has grown beyond the threshold of [`Update::Partial`].
+    /// Native
     /// ones make it anew each time. After an error the structure is unchanged or refitted; it can be used
     /// either way.
     pub fn update(

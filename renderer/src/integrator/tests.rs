@@ -168,7 +168,8 @@ fn inside_a_grey_ball_that_glows_every_bounce_adds_half_of_the_one_before() {
     }
 }
 
-/// The floor in a gap of 0.1 under a lamp of 2 by 2. A sample of the lamp by its area alone, A / (π h²), would
+/// The floor in a gap of 0.1 under a lamp of 2 by 2. A sample of the lamp by its area alone, A / (π h²),
+/// would
 /// be up to 127 times as bright as the light that comes back, and one in 35 would be beyond the bound here.
 #[test]
 fn a_lamp_close_to_the_last_vertex_leaves_no_bright_dots() {

@@ -1,5 +1,5 @@
-//! The fixed SQL that both databases share. A study without a name is deleted; in SQLite it has one that sorts
-//! behind those of all others.
+//! The fixed SQL that both databases share. A study without a name is deleted; in SQLite it has one that
+//! sorts behind those of all others.
 
 pub(crate) const FOLDED_NAMES_DELETE: &str = "DELETE FROM former_names WHERE name <> '' \
      AND last_trial <= (SELECT last_trial FROM former_names WHERE name = '')";

@@ -48,8 +48,8 @@ impl Tuner {
     }
 
     /// Counts a lost lease of an open trial's configuration, and returns their number in the state. It is 0
-    /// for the default, for the client's own one, for a measured configuration, and where the client's silence
-    /// says nothing.
+    /// for the default, for the client's own one, for a measured configuration, and where the client's
+    /// silence says nothing.
     fn note_lost(&mut self, number: TrialNumber) -> u32 {
         let Some(trial) = self.trials.get(number) else { return 0 };
         let (state, configuration) = (StateId(trial.state_id), trial.configuration.clone());
