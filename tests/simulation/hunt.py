@@ -27,9 +27,9 @@ VARIABLE = "TREEWRIGHT_HUNTED_DEFECT"
 DEFECTS = {
     "acknowledged_before_durable": (
         FRAMES,
-        "self.durable(&report.trial.study.id, receipt, deferred).await?;\n                    return Ok(Reported::Taken",
+        "self.durable(&report.trial.study.id, receipt, deferred).await?;\n        Ok(Reported::Taken",
         "if HERE { drop((receipt, deferred)); } else { self.durable(&report.trial.study.id, receipt, deferred).await?; }\n"
-        "                    return Ok(Reported::Taken",
+        "        Ok(Reported::Taken",
     ),
     "suggested_before_durable": (
         FRAMES,
@@ -48,9 +48,9 @@ DEFECTS = {
     ),
     "repeated_report_refused": (
         FRAMES,
-        "return Ok(Reported::Duplicate(Box::new(stored)));",
-        "if HERE { return Err(TunerError::AlreadyCompleted { number: stored.number }.into()); }\n"
-        "                        return Ok(Reported::Duplicate(Box::new(stored)));",
+        "Err(stored) => return Ok(Reported::Duplicate(stored)),",
+        "Err(stored) if HERE => return Err(TunerError::AlreadyCompleted(stored.number).into()),\n"
+        "                Err(stored) => return Ok(Reported::Duplicate(stored)),",
     ),
     "completed_trial_learnt_twice": (
         "server/core/src/tuner/report.rs",
