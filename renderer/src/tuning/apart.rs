@@ -23,7 +23,7 @@ const DEGREES_LEAST: usize = 4;
 /// The error of the mean frame may add this share to the variance of the mean of the builds.
 const ERROR_SHARE_MAX: f64 = 0.25;
 
-/// A measurement that is off by more than so many standard deviations contradicts what is known.
+/// A measurement that is off by more than this number of standard deviations contradicts what is known.
 const DEVIATIONS_MAX: f64 = 3.0;
 
 /// The time of a build or of a frame.
@@ -145,7 +145,7 @@ pub(super) mod testing {
         Timed { ms, threads: ThreadTimes { cpu_ms: 2.0 * ms, delay_ms: Some(ms / 2.0) } }
     }
 
-    /// What trials of a choice leave behind that took so long. All of them had to render.
+    /// The knowledge after trials of a choice with these times. All of them had to render.
     pub(in crate::tuning) fn after(choice: &Choice, builds_ms: &[f64], frames_ms: &[f64]) -> Apart {
         let mut apart = Apart::default();
         for (build_ms, frame_ms) in builds_ms.iter().zip(frames_ms) {
@@ -171,7 +171,7 @@ mod tests {
         Choice::native(NativeQuality::Medium)
     }
 
-    /// Which of so many trials have to render, counted from 1, and the mean of all costs.
+    /// The numbers of the trials that have to render, counted from 1, and the mean of all costs.
     fn rendering(builds_ms: [f64; 5], frames_ms: [f64; 5], trials: usize) -> (Vec<usize>, f64) {
         let (mut apart, mut rendering, mut sum_ms) = (Apart::default(), Vec::new(), 0.0);
         for trial in 1..=trials {
@@ -238,7 +238,7 @@ mod tests {
             assert_eq!(apart.built(&choice(), timed(1.2 * build_ms)), None);
             apart.rendered(&choice(), timed(96.0));
         }
-        let spared = apart.built(&choice(), timed(360.0)).expect("it is known anew");
+        let spared = apart.built(&choice(), timed(360.0)).expect("it is known again");
         assert!((spared.ms - 96.0).abs() < 1e-9, "{spared:?}");
         // A frame may tell as well.
         let mut apart = after(&choice(), &builds_ms, &frames_ms);
