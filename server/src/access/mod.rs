@@ -115,12 +115,15 @@ impl Access {
             saves.set_missed_tick_behavior(MissedTickBehavior::Delay);
             let mut ends = pin!(over.notified());
             loop {
+                // The end first: a store that gives no answer would else delay it, save after save.
                 tokio::select! {
+                    biased;
                     () = &mut ends => return,
                     _ = saves.tick() => {}
                 }
                 let limited = self.store_usage().await;
                 tokio::select! {
+                    biased;
                     () = &mut ends => return,
                     () = self.read_usage(limited) => {}
                 }
