@@ -43,11 +43,12 @@ const RADII: Radii = Radii { first: 0.15, last: 0.01 };
 const FEASIBLE_MIN: f64 = 1e-3;
 /// An improvement is multiplied by this power of the probability. A model of cost learns nothing from
 /// failures and goes on to expect much of such points. With power 1 and without a wanted probability 38 of 80
-/// trials of a recorded compressor failed, with these values 17, and the best that ran was no worse.
+/// trials of a recorded compressor failed, with these values 15, and the best that ran was no worse.
 const FEASIBLE_WEIGHT: f64 = 2.0;
-/// Points that can be run with this probability come before all others, by this much of a logarithm.
-const FEASIBLE_WANTED: f64 = 0.9;
-const UNWANTED: f64 = 20.0;
+/// Points that can be run with this probability come before all others, by this much of a logarithm. Late
+/// improvements are logarithms below −20.
+const FEASIBLE_WANTED: f64 = 0.7;
+const UNWANTED: f64 = 1e3;
 
 /// A point drawn from the whole cube.
 pub(super) fn anywhere(dimension: usize, random: &mut ChaCha8Rng) -> Vec<f64> {
