@@ -20,6 +20,8 @@
 //! - A reported trial is charged its whole cost until the next frame of the reference in that state. Then the
 //!   charge falls to its cost above [`GUARD`] times the cheapest of the last few frames of the reference,
 //!   before or after. So neither noise nor a change of the machine's speed hides regret.
+//! - One frame that was read wrongly decides for few others. A frame that did not explore counts as ten usual
+//!   ones at most. One far below the others is no reference, and where two contradict, a third is measured.
 //! - A trial that is handed out again because its report never came may have been run each time. The reserved
 //!   cost is charged and reserved once more. If too little is left, the client gets another answer.
 //! - A trial that comes back without a cost, or never, stays charged with its worst case. Trials that did
@@ -31,12 +33,15 @@ use serde::{Deserialize, Serialize};
 
 use crate::limits::{CHARGES_MAX, OPEN_TRIALS_PER_CLIENT_MAX, REFERENCES_MAX};
 use crate::policy::{ABORT_ABOVE_DEFAULT, Policy};
-use crate::robust::lower_median;
+use crate::robust::{TORN, is_torn, lower_median};
 use crate::session::SessionPolicy;
 use crate::sum::Sum;
 
 /// The share of the cheapest reference that counts, because frames vary by some percent.
 pub const GUARD: f64 = 0.9;
+
+/// Most exploring trials of a stay beside a single frame of the reference, which may have been read wrongly.
+const BESIDE_ONE_MAX: usize = 4;
 
 /// The limit of sums, so that many large costs do not make them infinite.
 const SUM_MAX: f64 = 1e300;
@@ -48,6 +53,11 @@ fn add(sum: &mut Sum, cost: f64) {
         *sum = Sum::from(SUM_MAX);
     }
     assert!(sum.value() <= SUM_MAX, "a sum of {}", sum.value());
+}
+
+/// Whether a frame costs so much less than another that one of them was read wrongly.
+fn is_far_below(cost: f64, other: f64) -> bool {
+    cost < other && is_torn(cost, other)
 }
 
 /// An exploring trial that was reported and is not settled.
@@ -80,6 +90,9 @@ pub struct Account {
     /// The state the client is in, and the last frames there that did not explore.
     state_id: u64,
     references: Vec<f64>,
+    /// The median of such frames in the state before.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    usual: Option<f64>,
     /// The cheapest frame of the default in this stay that cost anything.
     default: Option<f64>,
 }
@@ -100,7 +113,7 @@ pub(super) struct Leave {
 /// Why no trial may be handed out.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Denied {
-    /// The reference has not been measured in this stay.
+    /// The reference has not been measured in this stay, or its frames contradict each other.
     NoReference,
     /// Too little of the budget is left.
     TooLittle(Leave),
@@ -145,6 +158,7 @@ impl Account {
     pub(super) fn enter(&mut self, state_id: u64) {
         if self.state_id != state_id {
             self.state_id = state_id;
+            self.usual = lower_median(&self.references).or(self.usual);
             self.references.clear();
             self.default = None;
             for charge in std::mem::take(&mut self.unsettled) {
@@ -175,17 +189,44 @@ impl Account {
     /// The terms of another exploring trial, or the reason why none may be handed out. Where the default
     /// cannot be run in the state, the frames that did not explore are the only reference.
     pub(super) fn leave(&self, terms: Terms, can_abort: bool, default_runs: bool) -> Result<Leave, Denied> {
-        let kept = lower_median(&self.references);
-        let default = self.default.or(kept.filter(|_| !default_runs)).ok_or(Denied::NoReference)?;
-        let reference = kept.map_or(default, |kept| kept.min(default));
-        if reference <= 0.0 {
-            return Err(Denied::NoReference);
-        }
+        let reference = self.reference(default_runs).ok_or(Denied::NoReference)?;
         let abort_above = (terms.abort_above * reference).min(SUM_MAX);
         let set_aside = if can_abort { abort_above } else { terms.worst(reference) };
         assert!(abort_above > 0.0 && set_aside > 0.0, "{set_aside} for a trial up to {abort_above}");
         let leave = Leave { left: self.left(terms.budget), set_aside, abort_above, reference };
         if leave.left >= set_aside { Ok(leave) } else { Err(Denied::TooLittle(leave)) }
+    }
+
+    /// The cost of the reference; `None` where the frames of this stay do not say it.
+    fn reference(&self, default_runs: bool) -> Option<f64> {
+        let is_doubtful = match self.references[..] {
+            [_] => self.unsettled.len() >= BESIDE_ONE_MAX,
+            [first, second] => is_torn(first, second),
+            _ => false,
+        };
+        let kept = lower_median(&self.references).filter(|_| !is_doubtful)?;
+        let default = self.default.or((!default_runs).then_some(kept))?;
+        let reference = if is_far_below(default, kept) { kept } else { default.min(kept) };
+        Some(reference).filter(|&reference| reference > 0.0)
+    }
+
+    /// The cheapest frame of the reference, but one that lies far below the others. Infinite without any.
+    fn cheapest(&self) -> f64 {
+        let kept = lower_median(&self.references).unwrap_or(0.0);
+        let frames = self.references.iter().copied().chain(self.default);
+        frames.filter(|&cost| !is_far_below(cost, kept)).fold(f64::INFINITY, f64::min)
+    }
+
+    /// Counts a frame that did not explore, as at most [`TORN`] usual ones: one that was read wrongly would
+    /// pay for any exploring. The first of a session counts as soon as there is another.
+    fn keep(&mut self, cost: f64) {
+        if let [first] = self.references[..]
+            && self.kept.value() == 0.0
+        {
+            add(&mut self.kept, first.min(TORN * cost));
+        }
+        let usual = lower_median(&self.references).or(self.usual);
+        add(&mut self.kept, usual.map_or(0.0, |usual| cost.min(TORN * usual)));
     }
 
     /// Reserves the worst cost of a trial.
@@ -221,8 +262,7 @@ impl Account {
             return;
         }
         if let Some(worst) = self.out.remove(&trial) {
-            let kept = self.references.iter().copied();
-            let before = kept.chain(self.default).fold(f64::INFINITY, f64::min);
+            let before = self.cheapest();
             // A trial without a cost is charged its reserved cost.
             let charge = Charge { cost: cost.unwrap_or(worst), before };
             if cost.is_none() || !before.is_finite() || self.state_id != state_id {
@@ -237,9 +277,14 @@ impl Account {
             return;
         }
         let Some(cost) = cost else { return };
-        add(&mut self.kept, cost);
+        self.keep(cost);
         if self.state_id == state_id {
-            for charge in std::mem::take(&mut self.unsettled) {
+            let charges = std::mem::take(&mut self.unsettled).into_iter();
+            // Beside a frame that was read far too low, all of a trial would be regret.
+            let (waiting, settled): (Vec<_>, Vec<_>) =
+                charges.partition(|charge| is_far_below(cost, charge.before));
+            self.unsettled = waiting;
+            for charge in settled {
                 add(&mut self.charged, (charge.cost - GUARD * charge.before.min(cost)).max(0.0));
             }
             // Of nothing no trial may cost a multiple, and the least would stay.
@@ -286,6 +331,52 @@ mod tests {
         assert_eq!(account.leave(TERMS, true, true), Err(Denied::NoReference));
         (2..42).for_each(|number| account.report(number, 1, Some(10.0), true));
         assert_eq!(account.leave(TERMS, true, true).expect("forty frames earn four").reference, 10.0);
+    }
+
+    #[test]
+    fn a_frame_that_was_read_wrongly_is_no_reference_and_pays_for_nothing() {
+        for wild in [1e-300, 1e300] {
+            let mut account = Account::open(7, 1);
+            account.enter(1);
+            account.report(1, 1, Some(wild), true);
+            assert!(account.leave(TERMS, true, true).is_err(), "nothing is earned");
+            account.report(2, 1, Some(10.0), true);
+            assert_eq!(account.leave(TERMS, true, true), Err(Denied::NoReference), "one of two is wrong");
+            (3..43).for_each(|number| account.report(number, 1, Some(10.0), true));
+            assert_eq!(account.leave(TERMS, true, true).expect("forty frames earn four").reference, 10.0);
+            assert!(account.left(0.1) <= 0.1 * (42.0 * 10.0 + TORN * 10.0), "{}", account.left(0.1));
+        }
+        // The first frame of another state is measured by those of the state before.
+        let mut account = with_frames(40);
+        account.enter(2);
+        account.report(50, 2, Some(1e300), true);
+        assert!((account.left(0.1) - (40.0 + 0.1 * TORN * 10.0)).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_single_frame_of_the_reference_stands_beside_few_trials() {
+        let mut account = with_frames(400);
+        account.enter(2);
+        account.report(500, 2, Some(1e-6), true);
+        for trial in 600..600 + BESIDE_ONE_MAX as u64 {
+            let leave = account.leave(TERMS, true, true).expect("four hundred frames earn as much");
+            account.set_aside(trial, leave.set_aside);
+            account.report(trial, 2, Some(leave.set_aside), false);
+        }
+        assert_eq!(account.leave(TERMS, true, true), Err(Denied::NoReference));
+        (700..702).for_each(|number| account.report(number, 2, Some(10.0), true));
+        assert_eq!(account.leave(TERMS, true, true).expect("two of three agree").reference, 10.0);
+    }
+
+    #[test]
+    fn a_charge_is_not_settled_by_a_frame_that_was_read_far_too_low() {
+        let mut account = with_frames(40);
+        account.set_aside(100, 20.0);
+        account.report(100, 1, Some(15.0), false);
+        account.report(101, 1, Some(1e-6), false);
+        assert!((account.left(0.1) - 25.0).abs() < 1e-6, "it stays charged in full");
+        account.report(102, 1, Some(10.0), false);
+        assert!((account.left(0.1) - 35.0).abs() < 1e-6);
     }
 
     #[test]

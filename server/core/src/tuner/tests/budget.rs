@@ -191,6 +191,51 @@ proptest! {
     }
 }
 
+proptest! {
+    #![proptest_config(cases(24))]
+
+    /// A client that stops trials reads one frame of its reference wrongly, in its first state or in the
+    /// second. More than ten frames later trials are compared with what the reference costs, they go on, and
+    /// exploring has cost no more than its share of frames of which that one counts as ten.
+    #[test]
+    fn one_absurd_frame_of_the_reference_decides_for_no_more_than_ten(
+        from in 0..100_usize,
+        wild in prop::sample::select(vec![0.0, 1e-300, 1e-9, 1e9, 1.7e15, f64::MAX]),
+    ) {
+        let policy = Policy { regret_budget: Some(0.1), abort_above: Some(2.0), ..explore_always() };
+        let mut tuner = tuner(policy);
+        let default = tuner.spec().space.default_configuration();
+        let (mut wild_at, mut later, mut regret, mut paid) = (None, 0, 0.0, 0.0);
+        for frame in 0..240 {
+            let x = if frame < 60 { 0.5 } else { 0.9 };
+            let question = Ask { can_abort: true, ..ask("a", x, 0.5) };
+            let trial = tuner.suggest(&question, 0).expect("valid").0;
+            let is_later = wild_at.is_some_and(|at| frame > at + 10);
+            if let Some(reference) = trial.reason().explanation.reference_cost.filter(|_| is_later) {
+                // The optimum costs 12.75 and the default up to 34.25.
+                prop_assert!((12.0..=35.0).contains(&reference), "{reference:e} in frame {frame}, {wild_at:?}");
+            }
+            // The client looks at its clock once in a millisecond.
+            let cap = trial.decision.abort_above().map_or(f64::INFINITY, |cap| cap.max(1.0));
+            let spent = cost(&trial).min(cap);
+            paid += spent;
+            let explores = trial.mode() == Mode::Explore;
+            if explores {
+                regret += spent - cost_at(&default, x);
+                later += u32::from(is_later);
+            }
+            let is_wild = wild_at.is_none() && frame >= from && !explores;
+            wild_at = if is_wild { Some(frame) } else { wild_at };
+            let lower_bound = spent;
+            let outcome = if cap < cost(&trial) { Outcome::Aborted { lower_bound } } else { Outcome::Ok };
+            let reported = measured(if is_wild { wild } else { spent });
+            prop_assert!(tuner.report(&trial, reported, outcome, 1).is_ok());
+        }
+        prop_assert!(later >= 2, "{later} trials later than {wild_at:?}");
+        prop_assert!(regret <= 0.1 * (paid + 10.0 * 34.25), "{regret} of {paid}");
+    }
+}
+
 #[test]
 fn a_trial_that_is_handed_out_again_is_charged_again() {
     let policy = Policy { regret_budget: Some(0.1), abort_above: Some(1.5), ..exploit_always() };
