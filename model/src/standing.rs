@@ -101,6 +101,15 @@ impl Gain {
         let [low, high] = [self.low, self.high].map(|end| end.and_then(finite));
         Self { share: view.share(self.share), low, high, ..self }
     }
+
+    /// The gain with an interval that holds another estimate's interval as well. An end that one of them does
+    /// not know is unknown.
+    #[must_use]
+    pub fn widened(self, other: Self) -> Self {
+        let low = self.low.zip(other.low).map(|(one, other)| one.min(other));
+        let high = self.high.zip(other.high).map(|(one, other)| one.max(other));
+        Self { low, high, ..self }
+    }
 }
 
 /// In percent with its interval, as in `12.3 % [10.1, 14.6]`. `?` stands for an unknown end, and for a gain
@@ -289,6 +298,18 @@ mod tests {
         assert_eq!(gain(0.1234, Some(0.101), Some(0.146)), "12.3 % [10.1, 14.6]");
         assert_eq!(gain(-0.02, None, Some(0.05)), "-2.0 % [?, 5.0]");
         assert_eq!(gain(-0.000_001, None, None), "0.0 %");
+    }
+
+    #[test]
+    fn a_gain_is_widened_by_what_another_estimate_holds() {
+        let gain = |share, low, high| Gain { share, low, high, probability_better: Some(0.9) };
+        let own = gain(0.1, Some(0.05), Some(0.15));
+        assert_eq!(
+            own.widened(gain(0.02, Some(-0.1), Some(0.12))),
+            gain(0.1, Some(-0.1), Some(0.15)),
+            "the share stays"
+        );
+        assert_eq!(own.widened(gain(0.2, None, Some(0.3))), gain(0.1, None, Some(0.3)));
     }
 
     #[test]

@@ -468,10 +468,15 @@ impl Tuner {
         };
         let confirmation = self.confirmation(state, start, &answered);
         let by_all = if is_of_answer { made.gain } else { answered.gain };
-        let by_rounds = confirmation.gain.filter(|gain| {
-            let is_likely = gain.probability_better.is_some_and(|probability| probability >= LIKELY);
-            confirmation.stage == ConfirmationStage::Better && is_likely
-        });
+        let by_rounds = confirmation.gain.filter(|_| confirmation.stage == ConfirmationStage::Better);
+        let is_likely =
+            |gain: &Gain| gain.probability_better.is_some_and(|probability| probability >= LIKELY);
+        let gain = match (by_rounds, by_all) {
+            (Some(by_rounds), _) if is_likely(&by_rounds) => Some(by_rounds),
+            // On a disturbed machine measurements of different times say less than they seem to.
+            (Some(by_rounds), Some(by_all)) => Some(by_all.widened(by_rounds)),
+            (_, by_all) => by_all,
+        };
         // Of a settled answer it may not have been at hand.
         let at_most = if is_of_answer { Some(made.gain_at_most) } else { answered.gain_at_most };
         let pace = self.states.results(state).pace();
@@ -479,7 +484,7 @@ impl Tuner {
             cost: pace * cost,
             cost_low: pace * low,
             cost_high: pace * high,
-            gain: by_rounds.or(by_all),
+            gain,
             nothing_better: answered.is_incumbent,
             confirmation,
             disturbances: self.states.results(state).disturbances(),

@@ -79,12 +79,15 @@ fn played(seed: u64) -> Played {
     Played { tuner, world, best, quiet: quiet / frames }
 }
 
-/// Simulated sessions on disturbed machines.
-const WORLDS: u64 = 60;
+/// Simulated sessions on disturbed machines. If intervals hold in 95 %, six of these are expected not to.
+const WORLDS: u64 = 120;
+/// The share of worlds in which the interval of the reported gain holds the true one.
+const HOLDS: f64 = 0.93;
 
 #[test]
 fn what_is_told_in_disturbed_sessions_is_true() {
     let (mut holds, mut near, mut knowable) = (0_u64, 0_u64, 0_u64);
+    let mut missed = BTreeMap::<&str, u64>::new();
     let (mut proven, mut wrong, mut likely, mut gained, mut there) = (0, 0, 0, 0.0, 0.0);
     for seed in 0..WORLDS {
         let Played { tuner, world, best, quiet } = played(seed);
@@ -96,6 +99,10 @@ fn what_is_told_in_disturbed_sessions_is_true() {
         let low = reported.low.is_none_or(|low| low <= gain + 1e-9);
         let high = reported.high.is_none_or(|high| gain <= high + 1e-9);
         holds += u64::from(low && high);
+        if !(low && high) {
+            *missed.entry(standing.verdict().in_short()).or_default() += 1;
+            println!("seed {seed}: {reported} where {gain:.3} is gained, quiet in {quiet:.2}");
+        }
         // On a machine that is hardly ever quiet, the cost at rest cannot be known.
         if quiet >= QUIET_LEAST {
             knowable += 1;
@@ -119,12 +126,12 @@ fn what_is_told_in_disturbed_sessions_is_true() {
         there += 1.0 - world.truth(&tuner.spec().space.decode(&[0.5, 0.0, 0.35, 0.5])) / default;
     }
     println!(
-        "{WORLDS} worlds: reported gains hold in {holds}, reported costs are near in {near} of {knowable}, {proven} are proven, {wrong} of them \
-         wrongly, {likely} are likely; {gained:.2} were gained of about {there:.2}"
+        "{WORLDS} worlds: reported gains hold in {holds} and not in {missed:?}, reported costs are near in {near} of \
+         {knowable}, {proven} are proven, {wrong} of them wrongly, {likely} are likely; {gained:.2} were gained of \
+         about {there:.2}"
     );
     let share = |count: u64| count as f64 / WORLDS as f64;
-    // The number of worlds is small: the bound of 93 % has a tolerance of 4 %.
-    assert!(share(holds) >= 0.93 - 0.04, "{holds} of {WORLDS}");
+    assert!(share(holds) >= HOLDS, "{holds} of {WORLDS}, and not in {missed:?}");
     assert!(near as f64 >= NEAR * knowable as f64, "{near} of {knowable}");
     assert!(share(wrong) <= 0.01, "{wrong} of {WORLDS}");
 }
