@@ -147,6 +147,21 @@ fn who_is_interrupted_shows_what_was_found() {
 }
 
 #[test]
+fn who_is_interrupted_twice_gives_the_trial_back() {
+    let bench = Site::new();
+    let runs = bench.path("runs");
+    let script = format!("echo >> {runs}; sleep 30; echo '{{\"loss\": {{x}}}}'");
+    let child = exec(bench.url(), "twice", &[], &script).spawn().expect("the program starts");
+    wait_until("the run begins", || numbers(&runs).len() == 1);
+    let begin = Instant::now();
+    signal(&child, "INT");
+    signal(&child, "INT");
+    let _ = child.wait_with_output().expect("it ends");
+    assert!(begin.elapsed() < Duration::from_secs(5), "{:?}", begin.elapsed());
+    assert_eq!(bench.count("twice", "state = OPEN"), 0, "a person's Ctrl-C loses no lease");
+}
+
+#[test]
 fn programs_end_with_who_runs_them() {
     let bench = Site::new();
     let pids = bench.path("pids");

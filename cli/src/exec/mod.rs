@@ -11,14 +11,14 @@ mod daemon;
 mod front;
 mod pairs;
 pub(crate) mod program;
+mod signals;
 mod summary;
 pub(crate) mod supervisor;
 pub(crate) mod template;
 
 use std::cell::Cell;
 use std::collections::BTreeSet;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::Ordering;
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
@@ -36,6 +36,7 @@ use crate::progress::{self, Progress};
 use crate::study_file::find::find_or_create;
 use daemon::PatientClient;
 use program::{MetricSource, Run, Runner};
+use signals::LastRun;
 use summary::{OwnRuns, Summary, Winner, WinnerSource};
 use template::Template;
 
@@ -50,8 +51,6 @@ const FAILURES_MAX: u32 = 2;
 const FAILURES_IN_VAIN_MAX: u32 = 10;
 /// Most different numbers whose leaving out is shown.
 const LEFT_OUT_SHOWN_MAX: usize = 64;
-/// The exit code of a program that is interrupted by SIGINT, as shells have it.
-const INTERRUPTED: i32 = 130;
 
 /// The daemon that a session talks to.
 pub(crate) struct Service<'a> {
@@ -75,6 +74,7 @@ struct Job<'a> {
     /// The program is known to look at the level.
     fidelities: bool,
     session_policy: SessionPolicy,
+    last_run: LastRun,
 }
 
 /// A session: the job and its results so far.
@@ -103,7 +103,7 @@ enum Step {
 
 /// Tunes a program and says what came out.
 pub(crate) fn run(service: &Service, exec: &Exec, json: bool) -> Result<String, Failure> {
-    let stop = stop_flag()?;
+    let (stop, last_run) = signals::listen(service.client)?;
     let daemon = PatientClient::new(service, &stop);
     let study = daemon.ask(|client| find_or_create(client, &exec.study, exec.inline_study()?))?;
     let spec = study.spec()?.clone();
@@ -143,6 +143,7 @@ pub(crate) fn run(service: &Service, exec: &Exec, json: bool) -> Result<String, 
         template,
         runner,
         session_policy,
+        last_run,
     };
     let (front, present_default) = front.map(|front| job.front(front, exec)).transpose()?.unzip();
     let mut session = Session {
@@ -267,6 +268,9 @@ impl Job<'_> {
             _ => None,
         };
         let renew = self.renewal(trial);
+        if let Ok(mut last_run) = self.last_run.lock() {
+            *last_run = Some(trial.name.clone());
+        }
         let has_levels = !self.spec.objective.fidelities().is_empty();
         let level = has_levels.then(|| trial.fidelity.as_deref().unwrap_or(Fidelity::FULL));
         self.runner.run(&command, &trial.configuration, level, abort_after, renew).map_err(|problem| {
@@ -566,20 +570,6 @@ pub(crate) fn quoted(word: &str) -> String {
 /// One for each process, so that several may tune at once.
 fn default_client() -> String {
     format!("exec@{}-{}", crate::files::host(), std::process::id())
-}
-
-/// A flag that the first signal sets. The second signal ends the process at once.
-fn stop_flag() -> Result<Arc<AtomicBool>, Failure> {
-    let stop = Arc::new(AtomicBool::new(false));
-    let set = Arc::clone(&stop);
-    let handler = move || {
-        if set.swap(true, Ordering::Relaxed) {
-            std::process::exit(INTERRUPTED);
-        }
-    };
-    ctrlc::set_handler(handler)
-        .map_err(|error| Failure::Program(format!("signals cannot be caught: {error}")))?;
-    Ok(stop)
 }
 
 #[cfg(test)]
