@@ -10,6 +10,7 @@ mod exploiting;
 mod exploring;
 mod fidelities;
 mod fleet;
+mod known_states;
 mod leases;
 mod limits;
 mod moving;
