@@ -1,5 +1,5 @@
 //! What other states know does no harm: a search beside 1, 3 and 30 known states, the nearest of which wants
-//! the opposite, ends where a search alone does or lower.
+//! the opposite, ends where a search alone does or lower. A lucky measurement does not travel.
 //!
 //! `-- --nocapture` prints the ratios, as rows of a table in `docs/measurements/warm-start.md`.
 
@@ -9,6 +9,7 @@ use rand_chacha::ChaCha8Rng;
 use super::*;
 use crate::randomness::standard_normal as normal;
 use crate::robust::median;
+use crate::session::SessionPolicy;
 
 const LANDSCAPES: u64 = 4;
 const NOISE: f64 = 0.03;
@@ -138,5 +139,34 @@ fn known_states_of_which_one_wants_the_opposite_do_no_harm() {
         let most = early.max(late);
         assert!(most <= 1.0 + DEARER_IN_THE_MEDIAN, "{known} known states: {most} of alone in the median");
         assert!(worst <= 1.0 + DEARER_AT_MOST, "{known} known states: {worst} of alone in one landscape");
+    }
+}
+
+/// A flat state is searched and confirmed to the end. Then one configuration is measured there once, while the
+/// machine runs at twice its speed.
+#[test]
+fn a_lucky_single_of_a_known_state_is_no_answer_of_a_new_one() {
+    for seed in 0..4 {
+        let mut tuner = seeded(seed, Policy { epsilon: 1.0, trials_per_state: 16, ..Policy::default() });
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        for _ in 0..400 {
+            let trial = suggest(&mut tuner, "a", 0.2, 0.5);
+            if trial.reason().explanation.rule == Some(Rule::Finished) {
+                break;
+            }
+            let cost = 40.0 * f64::exp(NOISE * normal(&mut random));
+            assert!(tuner.report(&trial, measured(cost), Outcome::Ok, 1).is_ok());
+        }
+        let lucky = tuner.spec().space.decode(&[0.9, 0.3, 0.6, 0.77]);
+        let trial = tuner.suggest_wanted(&ask("w", 0.2, 0.5), lucky.to_raw(), 0).expect("valid").0;
+        assert!(tuner.report(&trial, measured(20.0), Outcome::Ok, 1).is_ok());
+        let luckiest = tuner.states.results(StateId(1)).best().map(|record| record.configuration.clone());
+        assert_eq!(luckiest.as_ref(), Some(&lucky), "by what was measured");
+        let session_policy = SessionPolicy { epsilon: Some(0.0), ..SessionPolicy::default() };
+        let production = Ask { session_policy, ..ask("production", 0.8, 0.5) };
+        let answer = tuner.suggest(&production, 0).expect("valid").0;
+        assert_ne!(answer.configuration, lucky, "seed {seed}: {}", answer.reason().summary);
+        let first = suggest(&mut tuner, "explorer", 0.8, 0.5);
+        assert_ne!(first.configuration, lucky, "seed {seed}: {}", first.reason().summary);
     }
 }
