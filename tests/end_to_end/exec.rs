@@ -41,6 +41,20 @@ fn a_program_is_tuned_and_its_winner_confirmed() {
 }
 
 #[test]
+fn few_configurations_are_counted_repeated_and_ended() {
+    let site = Site::new();
+    // Half the loss at level 2, but for a few percent of each run.
+    let script = r#"l={level}; echo "{\"loss\": $(( (l == 2 ? 100 : 200) + $$ % 7 ))}""#;
+    let call = ["--json", "exec", "few", "--tune", "level=1..3:1", "--minimise", "loss", "--metric", "json"];
+    let output = shell(site.url(), &[&call[..], &["--trials", "60", "--", "sh", "-c", script]].concat());
+    let done = json(&output);
+    assert!(stderr(&output).contains("3 configurations; about "), "{}", stderr(&output));
+    assert_eq!(done["best"]["configuration"]["level"], 2, "{done}");
+    assert_eq!(done["end"], "the search has ended", "{done}");
+    assert!(done["trials"].as_u64().is_some_and(|runs| (4..60).contains(&runs)), "{done}");
+}
+
+#[test]
 fn a_program_that_prints_its_own_time_is_not_ended_by_the_clock() {
     let site = Site::new();
     let script = r#"l={level}; sleep 0.4; echo "{\"wall_ms\": $l}""#;
