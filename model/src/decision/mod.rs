@@ -434,10 +434,11 @@ impl Decision {
         self.mode() == Mode::Explore
     }
 
-    /// Whether the trial explores its state with any configuration, outside a confirmation: it then counts
-    /// towards the budget of the search.
+    /// Whether the trial explores its state with any configuration but a client's start, outside a
+    /// confirmation: it then counts towards the budget of the search.
     pub fn is_run_of_search(&self) -> bool {
-        matches!(self.choice, Choice::Explore(_)) && self.rule() != Some(Rule::Confirming)
+        let confirms = self.rule() == Some(Rule::Confirming);
+        matches!(self.choice, Choice::Explore(_)) && !confirms && !self.measures_start()
     }
 
     /// The step of the state's search that the trial is a point of, if it is one.

@@ -26,7 +26,7 @@ use crate::space::Space;
 use crate::trial::{Mode, Outcome, Trial};
 use forgotten::Forgotten;
 pub use known::KnownState;
-pub(crate) use known::NOISE_PRIOR;
+pub(crate) use known::{NOISE_PRIOR, runs_start};
 
 /// A search of fewer configurations says little of a state.
 pub(crate) const SEARCHED_LEAST: usize = 6;
@@ -154,7 +154,7 @@ pub struct ResultTable {
 impl ResultTable {
     /// Takes a completed trial. Costs are finite: reports are checked before. `default` is never forgotten.
     pub fn learn(&mut self, trial: &Trial, default: &Configuration) {
-        self.learn_all(trial);
+        self.learn_all(trial, default);
         if self.records.len() > RECORDS_PER_STATE_MAX {
             // By an eighth, so that it costs little on average.
             self.forget(RECORDS_PER_STATE_MAX - RECORDS_PER_STATE_MAX / 8, default, false);
@@ -162,7 +162,7 @@ impl ResultTable {
         assert!(self.records.len() <= RECORDS_PER_STATE_MAX, "{} are remembered", self.records.len());
     }
 
-    fn learn_all(&mut self, trial: &Trial) {
+    fn learn_all(&mut self, trial: &Trial, default: &Configuration) {
         let Some(outcome) = &trial.outcome else { return };
         let index = self.slot(&trial.configuration);
         self.touches += 1;
@@ -209,7 +209,7 @@ impl ResultTable {
         self.tried += usize::from(is_new && again.is_none());
         let record = &mut self.records[index];
         record.is_searched |= again == Some(true);
-        if is_tried && !record.is_searched && trial.mode() != Mode::Pinned {
+        if is_tried && !record.is_searched && trial.mode() != Mode::Pinned && !runs_start(trial, default) {
             record.is_searched = true;
             self.searched += 1;
         }

@@ -6,12 +6,17 @@ use std::sync::Arc;
 use super::{Record, ResultTable};
 use crate::configuration::Configuration;
 use crate::ids::{MachineId, StateId};
-use crate::trial::{Outcome, Trial};
+use crate::trial::{Mode, Outcome, Trial};
 
 /// The noise that is assumed before anything was measured twice, and the bounds of its estimate.
 pub(crate) const NOISE_PRIOR: f64 = 0.05;
 const NOISE_LEAST: f64 = 0.01;
 const NOISE_MAX: f64 = 0.2;
+
+/// Whether a client ran its own default, its start, by any decision. All others run the study's `default`.
+pub(crate) fn runs_start(trial: &Trial, default: &Configuration) -> bool {
+    trial.mode() == Mode::Default && trial.configuration != *default
+}
 
 /// A known state of the study with its measurements.
 #[derive(Clone, Debug, PartialEq)]

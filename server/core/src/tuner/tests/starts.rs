@@ -124,3 +124,20 @@ fn a_start_is_the_reference_of_a_budget() {
     assert_eq!(trials[0].configuration, good());
     assert!(trials.iter().any(|trial| trial.decision.explores()), "the budget is earned beside it");
 }
+
+#[test]
+fn runs_of_starts_take_nothing_of_a_search() {
+    let (mut tuner, state) = (tuner(exploit_always()), StateId(1));
+    let start = |number: u8| own(&[("travel_cost", Value::Float(0.5 + 0.9 * f64::from(number)))]);
+    assert_eq!(frame(&mut tuner, &begins_with("0", &start(0))).configuration, start(0));
+    assert!(!tuner.set_policy(Policy { trials_per_state: 8, ..explore_always() }).expect("valid"));
+    for number in 1..10 {
+        let trial = frame(&mut tuner, &begins_with(&number.to_string(), &start(number)));
+        assert!(trial.configuration == start(number) && !trial.decision.is_run_of_search(), "{trial:?}");
+    }
+    let results = tuner.states.results(state);
+    assert_eq!((results.tried(), results.runs(), results.searched()), (10, 0, 0));
+    let trials = run(&mut tuner, "x", 0.5, 0.5, 20);
+    let searched = trials.iter().filter(|trial| trial.decision.is_run_of_search()).count();
+    assert!((6..=8).contains(&searched), "{searched} of 8");
+}
