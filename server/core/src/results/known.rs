@@ -12,6 +12,8 @@ use crate::trial::{Mode, Outcome, Trial};
 pub(crate) const NOISE_PRIOR: f64 = 0.05;
 const NOISE_LEAST: f64 = 0.01;
 const NOISE_MAX: f64 = 0.2;
+/// Standard deviations of their difference by which one configuration beats another.
+const BEATS: f64 = 2.5;
 
 /// Whether a client ran its own default, its start, by any decision. All others run the study's `default`.
 pub(crate) fn runs_start(trial: &Trial, default: &Configuration) -> bool {
@@ -69,6 +71,12 @@ impl ResultTable {
     /// The standard deviation of a measurement, relative to its cost, as searches assume it.
     pub(crate) fn assumed_noise(&self) -> f64 {
         self.noise().unwrap_or(NOISE_PRIOR).clamp(NOISE_LEAST, NOISE_MAX)
+    }
+
+    /// Whether the measured costs of a configuration are lower than those of another one beyond the noise.
+    pub(crate) fn beats(&self, one: &Record, other: &Record) -> bool {
+        let parts = 1.0 / one.measurements as f64 + 1.0 / other.measurements as f64;
+        libm::log(other.mean_cost / one.mean_cost) > BEATS * self.assumed_noise() * parts.sqrt()
     }
 
     /// The best measured configuration that can be run, without those that were measured once, far from all

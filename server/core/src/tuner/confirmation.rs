@@ -18,7 +18,7 @@ use crate::decision::ExploredPoint;
 use crate::ids::{StateId, TrialNumber};
 use crate::limits::FAILURES_PER_CONFIGURATION_MAX;
 use crate::policy::Operation;
-use crate::results::ResultTable;
+use crate::results::{Record, ResultTable};
 use crate::space::Space;
 use crate::standing::{Confirmation, ConfirmationStage, Gain, LIKELY, Standing};
 use crate::statistics::confirm::{ERROR_MAX, PROVEN_ERROR_MAX, Race, RaceResult, rounds_needed};
@@ -98,6 +98,11 @@ impl Confirming {
     /// Whether it is over, for a table with `tried` tried configurations.
     pub(super) fn is_settled(&self, tried: usize) -> bool {
         self.settled && tried <= self.tried
+    }
+
+    /// Passes over one more tried configuration, which is no reason for another race.
+    pub(super) fn pass_over(&mut self) {
+        self.tried += 1;
     }
 
     /// The next contender to run, and its round.
@@ -343,13 +348,16 @@ impl Tuner {
             });
         }
         // The state was not assessed yet, and there is no time for it now.
-        let record = results.believed_best()?;
+        let best = results.believed_best();
+        let is_beaten = |start: &&Record| best.is_some_and(|best| results.beats(best, start));
+        let start = start.and_then(|start| results.ran(start)).filter(|start| !is_beaten(start));
+        let record = start.or(best)?;
         Some(Answered {
             configuration: record.configuration.clone(),
             cost: record.mean_cost,
             gain: None,
-            is_incumbent: false,
-            nothing_better: false,
+            is_incumbent: start.is_some(),
+            nothing_better: start.is_some(),
             gain_at_most: None,
         })
     }

@@ -65,7 +65,7 @@ impl Tuner {
     /// Takes a completed trial out of the open ones, learns it, and passes its result to its search.
     pub(super) fn take(&mut self, completed: &Trial) -> Change {
         let (state, number) = (StateId(completed.state_id), TrialNumber(completed.number));
-        let before = self.searches.changes(state);
+        let (before, tried) = (self.searches.changes(state), self.states.results(state).tried());
         self.end(number);
         let learnt = self.complete(completed);
         if learnt.has_changed {
@@ -82,6 +82,7 @@ impl Tuner {
         if !matches!(completed.outcome, Some(Outcome::Failed { .. })) {
             self.searches.forgive(state, &completed.configuration);
         }
+        self.stand_beside_start(completed, tried);
         let mut change = Change { trials: vec![completed.clone()], ..Change::default() };
         change.visits.extend(self.settle(completed));
         match completed.decision.fidelity {

@@ -11,6 +11,8 @@ use crate::decision::{
 };
 use crate::ids::StateId;
 use crate::policy::Operation;
+use crate::results::runs_start;
+use crate::trial::Trial;
 use crate::tuner::decide::Ground;
 use crate::tuner::plan::Planned;
 use crate::tuner::proposal::Exploitation;
@@ -68,6 +70,25 @@ impl Tuner {
         };
         let decision = Choice::Explore(explore).decided();
         Some(Prediction { configuration: start, predicted_cost: None, decision, insight: None })
+    }
+
+    /// Lets the race or the verdict of a state stand where a completed trial is the first result of a
+    /// client's start, unless that beats the incumbent. `tried` configurations had a verdict before.
+    pub(super) fn stand_beside_start(&mut self, completed: &Trial, tried: usize) {
+        let state = StateId(completed.state_id);
+        let (results, incumbent) = (self.states.results(state), self.incumbent(state));
+        let is_new = runs_start(completed, self.spec.space.default_ref()) && results.tried() > tried;
+        let beats = results.ran(&completed.configuration).is_some_and(|start| {
+            results.ran(incumbent).is_none_or(|incumbent| results.beats(start, incumbent))
+        });
+        let races = self.searches.of(state).is_some_and(|own| own.confirming.is_some());
+        if is_new
+            && !beats
+            && races
+            && let Some(race) = self.searches.change(state).and_then(|own| own.confirming.as_mut())
+        {
+            race.pass_over();
+        }
     }
 
     /// Whether a client's start ran in a state for the first time after trial `since`, so that what was

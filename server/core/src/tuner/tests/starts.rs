@@ -141,3 +141,27 @@ fn runs_of_starts_take_nothing_of_a_search() {
     let searched = trials.iter().filter(|trial| trial.decision.is_run_of_search()).count();
     assert!((6..=8).contains(&searched), "{searched} of 8");
 }
+
+#[test]
+fn a_start_stays_the_answer_where_nothing_was_assessed_until_something_beats_it() {
+    let (mut tuner, start, state) = (tuner(explore_always()), good(), StateId(1));
+    frame(&mut tuner, &begins_with("a", &start));
+    let measure = |tuner: &mut Tuner, wanted: &Configuration, render_ms: f64| {
+        let trial = tuner.suggest_wanted(&ask("b", 0.5, 0.5), wanted.to_raw(), 0).expect("valid").0;
+        assert!(tuner.report(&trial, measured(render_ms), Outcome::Ok, 1).is_ok());
+    };
+    let other = |number: u8| own(&[("travel_cost", Value::Float(0.1 + 0.2 * f64::from(number)))]);
+    for number in 0..20 {
+        measure(&mut tuner, &other(number), 12.7);
+    }
+    let answer = |tuner: &Tuner| {
+        let hurried = Planned::Ahead(Box::default());
+        tuner.best_known(state, Some(&start), &hurried).expect("measured")
+    };
+    let (configuration, source) = (answer(&tuner).configuration, answer(&tuner).source);
+    assert_eq!(configuration, start, "12.7 is hardly less than 12.75");
+    assert!(matches!(source, ExploitSource::Incumbent { beside_start: true, .. }), "{source:?}");
+    measure(&mut tuner, &other(30), 6.0);
+    measure(&mut tuner, &other(30), 6.0);
+    assert_eq!(answer(&tuner).configuration, other(30));
+}
