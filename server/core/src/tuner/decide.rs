@@ -62,7 +62,7 @@ impl Tuner {
             return None;
         }
         let ground = self.ground(&SessionPolicy::default());
-        let start = self.start_of(ask);
+        let start = self.usable_start(ask, state);
         let would = self.exploitation_from(start.as_ref(), normalised, Some(state), ground, planned);
         let configuration = start.unwrap_or_else(|| self.spec.space.default_configuration());
         let predicted_cost = self.states.cost_of(state, &configuration);

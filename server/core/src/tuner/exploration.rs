@@ -48,6 +48,15 @@ pub struct Exploration {
 struct LostLeases {
     configuration: RawConfiguration,
     count: u32,
+    /// A client measured it as its start: that is no reason to call it infeasible.
+    #[serde(default, skip_serializing_if = "is_default")]
+    is_start: bool,
+}
+
+impl LostLeases {
+    fn are_of(&self, configuration: &Configuration, is_start: bool) -> bool {
+        self.is_start == is_start && self.configuration == *configuration.values()
+    }
 }
 
 impl Exploration {
@@ -99,27 +108,28 @@ impl Exploration {
         }
     }
 
-    pub(super) fn lost(&self, configuration: &Configuration) -> u32 {
-        let lost = self.lost.iter().find(|lost| lost.configuration == *configuration.values());
+    /// The number of lost leases of a configuration, as a client's start or as any other.
+    pub(super) fn lost(&self, configuration: &Configuration, is_start: bool) -> u32 {
+        let lost = self.lost.iter().find(|lost| lost.are_of(configuration, is_start));
         lost.map_or(0, |lost| lost.count)
     }
 
     /// Notes a lost lease of a configuration, and returns their number.
-    pub(super) fn note_lost(&mut self, configuration: &Configuration) -> u32 {
-        let count = self.lost(configuration) + 1;
-        self.forgive(configuration);
+    pub(super) fn note_lost(&mut self, configuration: &Configuration, is_start: bool) -> u32 {
+        let count = self.lost(configuration, is_start) + 1;
+        self.lost.retain(|lost| !lost.are_of(configuration, is_start));
         if self.lost.len() >= LOST_CONFIGURATIONS_MAX {
             self.lost.remove(0);
         }
-        self.lost.push(LostLeases { configuration: configuration.to_raw(), count });
-        assert_eq!(self.lost(configuration), count, "the leases that were just counted");
+        self.lost.push(LostLeases { configuration: configuration.to_raw(), count, is_start });
+        assert_eq!(self.lost(configuration, is_start), count, "the leases that were just counted");
         count
     }
 
     /// Forgets the lost leases of a configuration that has a result now.
     pub(super) fn forgive(&mut self, configuration: &Configuration) {
         self.lost.retain(|lost| lost.configuration != *configuration.values());
-        assert_eq!(self.lost(configuration), 0, "the leases are forgotten");
+        assert_eq!(self.lost(configuration, false), 0, "the leases are forgotten");
     }
 
     /// Notes that a session wants the search to go on for `room` runs.

@@ -6,10 +6,13 @@
 //! lease is also lost where its client comes back in another session while it still runs. The silence of a
 //! client without sessions that never renewed a lease, such as a script, says nothing: a person may have
 //! pressed Ctrl-C. A client that gives a trial back loses no lease. The default never counts as crashing:
-//! clients run it without asking, and exploring would have nothing left to be weighed against.
+//! clients run it without asking, and exploring would have nothing left to be weighed against. Neither does a
+//! client's own default, its start. A start to be measured goes to the next client that asks with it, until
+//! as many of its leases were lost. Then nobody measures it as a start any more.
 
 use crate::ids::{StateId, TrialNumber};
 use crate::limits::LEASES_LOST_MAX;
+use crate::results::runs_start;
 use crate::trial::{Outcome, Trial, TrialState};
 use crate::tuner::{Ask, Change, Tuner};
 
@@ -35,28 +38,42 @@ impl Tuner {
     /// Returns the change that ends the trial; `None` where the client still holds it.
     pub(super) fn lose_to_restart(&mut self, ask: &Ask, state: StateId, now_ms: i64) -> Option<Change> {
         let held = self.trials.of_client(&ask.client_id, state)?;
-        let (number, session) = (TrialNumber(held.number), held.decision.session);
-        if session == ask.session || session == 0 || ask.session == 0 {
+        let (number, leaves_start) = (TrialNumber(held.number), self.leaves_start(ask, held));
+        if !is_restarted(ask, held) {
             return None;
         }
         let lost_leases = self.note_lost(number);
         if lost_leases >= LEASES_LOST_MAX {
             return self.give_up(number, lost_leases, now_ms);
         }
+        if leaves_start {
+            let expired = self.take_back(number, TrialState::Expired);
+            return Some(Change { trials: expired.into_iter().collect(), ..Change::default() });
+        }
         self.trials.hold_by(number, ask.session, lost_leases);
         None
     }
 
+    /// Whether a restarted client does not get its start again that it was to measure: it was lost too often.
+    pub(super) fn leaves_start(&self, ask: &Ask, held: &Trial) -> bool {
+        let lost = self.searches.lost_starts(StateId(held.state_id), &held.configuration);
+        is_restarted(ask, held) && held.decision.measures_start() && lost + 1 >= LEASES_LOST_MAX
+    }
+
     /// Counts a lost lease of an open trial's configuration, and returns their number in the state. It is 0
     /// for the default, for the client's own one, for a measured configuration, and where the client's
-    /// silence says nothing.
+    /// silence says nothing. Those of a start that is to be measured are counted by themselves.
     fn note_lost(&mut self, number: TrialNumber) -> u32 {
         let Some(trial) = self.trials.get(number) else { return 0 };
         let (state, configuration) = (StateId(trial.state_id), trial.configuration.clone());
         let record = self.states.results(state).record(&configuration);
         let was_measured = record.is_some_and(|record| record.measurements > 0);
-        let is_default = configuration == *self.spec.space.default_ref() || trial.decision.measures_start();
+        let default = self.spec.space.default_ref();
+        let is_default = configuration == *default || runs_start(trial, default);
         let was_alive = trial.decision.session != 0 || trial.decision.heartbeat;
+        if trial.decision.measures_start() && !was_measured {
+            self.searches.note_lost_start(state, &configuration);
+        }
         if was_measured || is_default || !was_alive {
             0
         } else {
@@ -77,4 +94,10 @@ impl Tuner {
             self.completed(trial, Default::default(), Outcome::infeasible(reason), now_ms).ok()?;
         Some(self.take(&completed))
     }
+}
+
+/// Whether the client was restarted since it received the trial that it holds.
+fn is_restarted(ask: &Ask, held: &Trial) -> bool {
+    let session = held.decision.session;
+    session != ask.session && session != 0 && ask.session != 0
 }

@@ -97,6 +97,9 @@ impl Tuner {
         request.assessment = answers.and_then(|state| self.assessment_to_plan(state, None));
         request.beside_start = self.start_to_plan(self.start_of(ask), answers.filter(|_| answers == here));
         let tunes = policy.operation == Operation::Tune;
+        // The start that such a client holds is taken back before it is answered.
+        let held = here.and_then(|here| self.trials.of_client(&ask.client_id, here));
+        let leaves_start = held.is_some_and(|held| self.leaves_start(ask, held));
         // The plan may show whether there is anything to exploit.
         let is_unsure = !explores
             && ground == Ground::Predicted
@@ -108,7 +111,8 @@ impl Tuner {
         match here.filter(|_| explores || is_unsure) {
             Some(here) if tunes => {
                 request.search = self.search_to_plan(ask, here).filter(|(state, ..)| may_plan(*state));
-                if transfer.is_untouched(here) && !transfer.begins_with_portfolio(normalised, Some(here)) {
+                let may_propose = leaves_start || transfer.is_untouched(here);
+                if may_propose && !transfer.begins_with_portfolio(normalised, Some(here)) {
                     request.first = first();
                 }
                 let begins = request.first.is_none() && self.searches.of(here).is_none();
@@ -205,7 +209,7 @@ impl Tuner {
     /// Whether the client holds a trial of the state that it will get again.
     fn holds(&self, ask: &Ask, here: Option<StateId>) -> bool {
         let held = here.and_then(|here| self.trials.of_client(&ask.client_id, here));
-        held.is_some_and(|trial| self.still_fits(ask, trial, None))
+        held.is_some_and(|trial| !self.leaves_start(ask, trial) && self.still_fits(ask, trial, None))
     }
 
     /// A copy of the state's search, if its next point takes a fit and will be asked for, and the number of

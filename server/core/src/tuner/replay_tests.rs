@@ -162,7 +162,8 @@ fn happen(tuner: &mut Tuner, rows: &mut Rows, event: &Event, now_ms: &mut i64) -
             let client_id = format!("client {client}");
             let (can_abort, fidelities) = (*client > 0, *client < 2);
             let space = &tuner.spec().space;
-            let start = (*client == 1).then(|| space.decode(&vec![0.7; space.dimension()]).to_raw());
+            let at = 1.0 - 0.3 * *client as f64;
+            let start = (*client > 0).then(|| space.decode(&vec![at; space.dimension()]).to_raw());
             let question =
                 Ask { session, can_abort, fidelities, fingerprint, start, ..ask(&client_id, x, y) };
             let answer = match tuner.models.defers {

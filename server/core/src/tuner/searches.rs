@@ -75,19 +75,33 @@ impl Searches {
     }
 
     pub(super) fn lost(&self, state: StateId, configuration: &Configuration) -> u32 {
-        self.record(state).map_or(0, |exploration| exploration.lost(configuration))
+        self.record(state).map_or(0, |exploration| exploration.lost(configuration, false))
+    }
+
+    /// The number of lost leases of a client's start.
+    pub(super) fn lost_starts(&self, state: StateId, start: &Configuration) -> u32 {
+        self.record(state).map_or(0, |exploration| exploration.lost(start, true))
     }
 
     /// Notes a lost lease of a configuration in a state, and returns their number.
     pub(super) fn note_lost(&mut self, state: StateId, configuration: &Configuration) -> u32 {
+        self.count_lost(state, configuration, false)
+    }
+
+    /// Notes a lost lease of a client's start.
+    pub(super) fn note_lost_start(&mut self, state: StateId, start: &Configuration) {
+        self.count_lost(state, start, true);
+    }
+
+    fn count_lost(&mut self, state: StateId, configuration: &Configuration, is_start: bool) -> u32 {
         let own = &mut self.of_states[place(state)];
         own.changes += 1;
-        own.exploration.get_or_insert_with(Exploration::unbegun).note_lost(configuration)
+        own.exploration.get_or_insert_with(Exploration::unbegun).note_lost(configuration, is_start)
     }
 
     /// Forgets the lost leases of a configuration that has a result now.
     pub(super) fn forgive(&mut self, state: StateId, configuration: &Configuration) {
-        if self.lost(state, configuration) > 0 {
+        if self.lost(state, configuration) + self.lost_starts(state, configuration) > 0 {
             let own = &mut self.of_states[place(state)];
             own.changes += 1;
             own.exploration.iter_mut().for_each(|exploration| exploration.forgive(configuration));

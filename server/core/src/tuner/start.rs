@@ -1,15 +1,17 @@
 //! A client's own default where that is not the study's: its start.
 //!
-//! The searches, races and verdicts of a state know of no starts: a start is one more configuration there. A
-//! client with a start measures it before anything else that has to be compared with it. From then on its
-//! answers are those that the measurements of the state show to be better than its start, which takes the
-//! place of the study's default and of the incumbent. Where nothing is known, its answer is its start.
+//! For the searches, races and verdicts of a state a start is one more configuration. Its runs take nothing
+//! of a search's budget, and a verdict stands beside it unless it beats the incumbent. A client with a start
+//! measures it before anything else that has to be compared with it. From then on its answers are those that
+//! the measurements of the state show to be better than its start, which takes the place of the study's
+//! default and of the incumbent. Where nothing is known, its answer is its start.
 
 use crate::configuration::{Configuration, RawConfiguration};
 use crate::decision::{
     BudgetStatus, Choice, ExploitSource, ExplorationEstimate, Explore, ExploreRule, ExploredPoint,
 };
 use crate::ids::StateId;
+use crate::limits::LEASES_LOST_MAX;
 use crate::policy::Operation;
 use crate::results::runs_start;
 use crate::trial::Trial;
@@ -43,22 +45,24 @@ impl Tuner {
         start.filter(|start| self.states.results(state).ran(start).is_some())
     }
 
-    /// A client's start, unless it is known to fail in a state.
+    /// A client's start, unless it is known to fail in a state or was lost there too often.
     pub(super) fn usable_start(&self, ask: &Ask, state: StateId) -> Option<Configuration> {
-        self.start_of(ask).filter(|start| !self.states.results(state).fails(start))
+        let is_lost = |start: &Configuration| self.searches.lost_starts(state, start) >= LEASES_LOST_MAX;
+        self.start_of(ask).filter(|start| !self.states.results(state).fails(start) && !is_lost(start))
     }
 
     /// The trial of a client's start, where that has to be compared with what else ran in the state, or where
-    /// the client explores. Nobody measures it twice; a session that never explores measures nothing for
-    /// that.
+    /// the client explores. Nobody measures it twice, or again where it failed or was lost too often. A
+    /// session that never explores measures nothing for that.
     pub(super) fn start_first(&self, ask: &Ask, state: StateId) -> Option<Prediction> {
-        let start = self.start_of(ask)?;
+        let start = self.usable_start(ask, state)?;
         let results = self.states.results(state);
         let visit = self.visits.of(&ask.client_id);
         let exploits = visit.is_some_and(|visit| matches!(visit.decision, VisitDecision::Exploit { .. }));
         let is_needed = !exploits || results.best().is_some();
         let may = self.spec.policy.operation == Operation::Tune && !self.never_explores(&ask.session_policy);
-        if !(is_needed && may) || results.settled(&start, 1).is_some() || self.trials.runs(state, &start) {
+        let is_known = results.ran(&start).is_some() || self.trials.runs(state, &start);
+        if !(is_needed && may) || is_known {
             return None;
         }
         let explore = Explore {

@@ -3,6 +3,7 @@
 use super::*;
 use crate::configuration::RawConfiguration;
 use crate::policy::Operation;
+use crate::tuner::replay_tests::Rows;
 
 /// The default with other values.
 fn own(values: &[(&str, Value)]) -> Configuration {
@@ -142,6 +143,81 @@ fn runs_of_starts_take_nothing_of_a_search() {
     assert!((6..=8).contains(&searched), "{searched} of 8");
 }
 
+/// A study whose only state has its verdict, and its rows.
+fn settled() -> (Tuner, Rows) {
+    let policy = Policy { epsilon: 1.0, trials_per_state: 12, ..Policy::default() };
+    let (mut tuner, mut rows) = (tuner(policy), Rows::default());
+    for number in 0..100 {
+        let (trial, handed) = tuner.suggest(&ask("a", 0.5, 0.5), 0).expect("valid");
+        rows.write(&handed);
+        let noise = 1.0 + 0.01 * f64::from(number % 3);
+        let report = tuner.report(&trial, measured(noise * cost(&trial)), Outcome::Ok, 1);
+        rows.write(&report.expect("valid").1);
+    }
+    assert!(tuner.is_settled(StateId(1)));
+    (tuner, rows)
+}
+
+#[test]
+fn a_verdict_stands_unless_a_start_beats_it_also_after_a_restart() {
+    let ((mut tuner, mut rows), state, mut now_ms) = (settled(), StateId(1), 1);
+    let verdict = tuner.best(None, None).expect("valid").expect("measured").configuration;
+    let measure = |tuner: &mut Tuner, rows: &mut Rows, start: &Configuration, share: f64| {
+        let (trial, handed) = tuner.suggest(&begins_with("b", start), 1).expect("valid");
+        assert_eq!(&trial.configuration, start, "{trial:?}");
+        rows.write(&handed);
+        let report = tuner.report(&trial, measured(share * cost(&trial)), Outcome::Ok, 1);
+        rows.write(&report.expect("valid").1);
+    };
+    for leaves in [16, 14] {
+        let worse = own(&[("min_leaf_size", Value::Integer(leaves)), ("travel_cost", Value::Float(0.3))]);
+        measure(&mut tuner, &mut rows, &worse, 1.0);
+        assert!(tuner.is_settled(state), "a worse start is no reason");
+        assert_eq!(tuner.best(None, None).expect("valid").expect("measured").configuration, verdict);
+    }
+    let lost = own(&[("travel_cost", Value::Float(0.7))]);
+    for client in ["c", "d"] {
+        let (trial, handed) = tuner.suggest(&begins_with(client, &lost), now_ms).expect("valid");
+        assert!(trial.decision.measures_start(), "{trial:?}");
+        rows.write(&handed);
+        now_ms = trial.lease_expire_ms + 1;
+        rows.write(&tuner.expire(now_ms));
+    }
+    let saved = tuner.learnt().checkpoint().expect("a small study");
+    let next = |tuner: &Tuner| tuner.clone().suggest(&begins_with("e", &lost), now_ms).expect("valid").0;
+    assert!(!next(&tuner).decision.measures_start(), "it is left");
+    for checkpoint in [None, Some(&saved)] {
+        let restored = rows.restore(&tuner, checkpoint);
+        assert!(restored.is_settled(state));
+        assert_eq!(next(&restored), next(&tuner));
+    }
+    let better = own(&[("width", Value::Integer(8)), ("travel_cost", Value::Float(4.97))]);
+    measure(&mut tuner, &mut rows, &better, 0.2);
+    assert!(!tuner.is_settled(state), "a better one is a reason");
+}
+
+#[test]
+fn a_lost_start_goes_to_the_next_client_and_is_left_in_the_end() {
+    let (start, state) = (bad(), StateId(1));
+    let (mut tuner, mut now_ms) = (seeded(1, explore_always()), 0);
+    for client in ["a", "b", "c"] {
+        let trial = tuner.suggest(&begins_with(client, &start), now_ms).expect("valid").0;
+        assert_eq!(trial.configuration == start, client != "c", "{trial:?}");
+        now_ms = trial.lease_expire_ms + 1;
+        assert_eq!(tuner.expire(now_ms).trials.len(), 1);
+    }
+    assert!(tuner.states.results(state).record(&start).is_none(), "it has not failed");
+    // A client that is restarted again and again gets the default in the end where it explores.
+    for (policy, is_left) in [(explore_always(), true), (exploit_always(), false)] {
+        let mut tuner = seeded(1, policy);
+        let asked = |session: u64| Ask { session, ..begins_with("a", &start) };
+        let trials = [1, 2, 3].map(|session| tuner.suggest(&asked(session), 0).expect("valid").0);
+        assert_eq!((trials[0].number, &trials[0].configuration), (trials[1].number, &start));
+        assert_eq!(trials[2].configuration != start, is_left, "{trials:?}");
+        assert!(tuner.states.results(state).record(&start).is_none(), "it has not failed");
+    }
+}
+
 #[test]
 fn a_start_stays_the_answer_where_nothing_was_assessed_until_something_beats_it() {
     let (mut tuner, start, state) = (tuner(explore_always()), good(), StateId(1));
@@ -164,4 +240,24 @@ fn a_start_stays_the_answer_where_nothing_was_assessed_until_something_beats_it(
     measure(&mut tuner, &other(30), 6.0);
     measure(&mut tuner, &other(30), 6.0);
     assert_eq!(answer(&tuner).configuration, other(30));
+}
+
+#[test]
+fn a_start_that_fails_gives_way_to_the_default_for_good() {
+    let default = spec(Policy::default()).space.default_configuration();
+    let start = own(&[("min_leaf_size", Value::Integer(16)), ("travel_cost", Value::Float(3.3))]);
+    let shadow = Policy { operation: Operation::Shadow, ..explore_always() };
+    for policy in [explore_always(), exploit_always(), shadow] {
+        for outcome in [infeasible(), Outcome::Failed { reason: "crash".into() }] {
+            let mut tuner = seeded(1, policy.clone());
+            let first = tuner.suggest(&begins_with("a", &start), 0).expect("valid").0;
+            assert_eq!(first.configuration, start);
+            finish(&mut tuner, &first, outcome);
+            assert_eq!(frame(&mut tuner, &begins_with("a", &start)).configuration, default);
+            for client in ["a", "b"].repeat(6) {
+                let trial = frame(&mut tuner, &begins_with(client, &start));
+                assert_ne!(trial.configuration, start, "{trial:?}");
+            }
+        }
+    }
 }
