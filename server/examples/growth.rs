@@ -7,16 +7,21 @@
 //! with copies of their rows under new numbers, up to TRIALS trials. The daemon would have written such rows
 //! if the clients had stayed in the explored states. All measurements, with loading, are real. Each runs in a
 //! separate process on the database of the one before: the first replays all trials and saves a checkpoint,
-//! the second starts from it.
+//! the second starts from it. At last two more processes serve the dashboard from it. They print when the
+//! first page of the study was there, with its picture, and how long each page takes then.
 
 use std::collections::BTreeMap;
 use std::error::Error;
+use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::Arc;
 use std::time::Instant;
 
 use sqlx::{AssertSqlSafe, Connection as _, Executor as _};
+use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
+use tokio::net::{TcpListener, TcpStream};
+use tokio::sync::oneshot;
 use treewright_core::policy::{Policy, SearchMethod};
 use treewright_core::space::{Scale, Space};
 use treewright_core::study::StudySpec;
@@ -26,6 +31,7 @@ use treewright_core::value::Value;
 use treewright_server::clock::SystemClock;
 use treewright_server::convert::from_proto::{Report, Suggest};
 use treewright_server::convert::names::TrialName;
+use treewright_server::serve::{self, Options};
 use treewright_server::tuning::Tuning;
 use treewright_store::{SqliteStore, Store};
 
@@ -35,6 +41,16 @@ const STUDY: &str = "growth";
 const SEEDED: u64 = 20_000;
 const FRAMES: usize = 2_000;
 const CLIENTS: u64 = 32;
+/// The pages that are asked for, below the study's address.
+const PAGES: [&str; 7] = [
+    "",
+    "?state=1",
+    "/parameters?state=1",
+    "/map",
+    "/trials",
+    "/trials?filter=cost%20%3C%2011&order=cost",
+    "/policy",
+];
 const COLUMNS: &str = "client_id, state_id, mode, state, outcome, outcome_reason, outcome_lower_bound, cost, \
      predicted_cost, late, create_ms, lease_expire_ms, complete_ms, configuration, indicators, measurements, reason, \
      fingerprint";
@@ -172,6 +188,49 @@ async fn measure(path: &Path, states: u64) -> Done<()> {
     Ok(())
 }
 
+/// Asks for a page of the study; the time in milliseconds.
+async fn page_ms(dashboard: SocketAddr, page: &str) -> Done<f64> {
+    let begun = Instant::now();
+    let mut stream = TcpStream::connect(dashboard).await?;
+    let head =
+        format!("GET /studies/{STUDY}{page} HTTP/1.1\r\nHost: {dashboard}\r\nConnection: close\r\n\r\n");
+    stream.write_all(head.as_bytes()).await?;
+    let mut answer = Vec::new();
+    stream.read_to_end(&mut answer).await?;
+    let is_page = answer.starts_with(b"HTTP/1.1 200 ");
+    is_page.then(|| begun.elapsed().as_secs_f64() * 1e3).ok_or_else(|| format!("{page} is no page").into())
+}
+
+/// Serves the dashboard, and asks for its pages.
+async fn measure_pages(path: &Path) -> Done<()> {
+    let begun = Instant::now();
+    let store = Arc::new(SqliteStore::open(path).await?);
+    let (listener, pages) =
+        (TcpListener::bind("127.0.0.1:0").await?, TcpListener::bind("127.0.0.1:0").await?);
+    let dashboard = pages.local_addr()?;
+    let options = Options { dashboard: Some(pages), ..Options::default() };
+    let (stop, stopped) = oneshot::channel::<()>();
+    let served =
+        tokio::spawn(serve::run(listener, store, Arc::new(SystemClock::default()), options, async {
+            // A dropped end stops it as well.
+            let _ = stopped.await;
+        }));
+    page_ms(dashboard, PAGES[0]).await?;
+    println!("first page {:.0} ms after the start", begun.elapsed().as_secs_f64() * 1e3);
+    for page in PAGES {
+        let mut times = [0.0; 5];
+        for time in &mut times {
+            *time = page_ms(dashboard, page).await?;
+        }
+        times.sort_by(f64::total_cmp);
+        let [_, _, median, _, most] = times;
+        println!("    {median:>7.1} ms, at most {most:>7.1} ms  /studies/{STUDY}{page}");
+    }
+    drop(stop);
+    served.await??;
+    Ok(())
+}
+
 #[tokio::main(flavor = "multi_thread", worker_threads = 2)]
 async fn main() -> Done<()> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
@@ -180,8 +239,10 @@ async fn main() -> Done<()> {
     let directory = PathBuf::from(arguments.first().ok_or(usage)?);
     let (trials, states) = (number(1, 100_000)?, number(2, 64)?);
     let path = directory.join("growth.db");
-    if arguments.get(3).is_some_and(|word| word == "measure") {
-        return measure(&path, states).await;
+    match arguments.get(3).map(String::as_str) {
+        Some("measure") => return measure(&path, states).await,
+        Some("pages") => return measure_pages(&path).await,
+        _ => {}
     }
     for suffix in ["", "-wal", "-shm", ".lock"] {
         let _ = std::fs::remove_file(directory.join(format!("growth.db{suffix}")));
@@ -189,20 +250,18 @@ async fn main() -> Done<()> {
     let begun = Instant::now();
     seed(&path, trials, states).await?;
     println!("filled by the daemon's code in {:.1} s", begun.elapsed().as_secs_f64());
-    let again = || -> Done<()> {
+    let again = |what: &str| -> Done<()> {
         let (trials, states) = (trials.to_string(), states.to_string());
-        let status = Command::new(std::env::current_exe()?)
-            .arg(&directory)
-            .args([&trials, &states, "measure"])
-            .status()?;
+        let status =
+            Command::new(std::env::current_exe()?).arg(&directory).args([&trials, &states, what]).status()?;
         if status.success() { Ok(()) } else { Err("a measurement failed".into()) }
     };
-    again()?;
+    again("measure")?;
     if trials > SEEDED {
         let begun = Instant::now();
         multiply(&path, trials).await?;
         println!("multiplied in {:.1} s", begun.elapsed().as_secs_f64());
-        (0..3).try_for_each(|_| again())?;
+        (0..3).try_for_each(|_| again("measure"))?;
     }
-    Ok(())
+    (0..2).try_for_each(|_| again("pages"))
 }
