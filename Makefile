@@ -28,7 +28,7 @@ docs: ## the documentation as a book in target/book; wants mdbook
 	@command -v mdbook >/dev/null || { echo "docs: run this first: $(CARGO) install --locked mdbook" >&2; exit 1; }
 	mdbook build docs
 
-pictures: build ## the pictures of the documentation, by this version; wants chromium (tools/pictures.py)
+pictures: build ## the pictures of the documentation, by this version; wants chromium-driver (tools/pictures.py)
 	@python3 tools/pictures.py
 
 test: ## formatting, lints, docs, unit, property and end-to-end tests
