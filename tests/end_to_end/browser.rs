@@ -199,10 +199,8 @@ fn scenes(site: &Site) {
             let trial = ask(site.url(), &[&["suggest", "scenes"], &place[..]].concat());
             let leaf = trial["configuration"]["max_leaf_size"].as_f64().expect("a number");
             let cost = 20.0 + (leaf - best).powi(2) / 20.0 + 0.1 * f64::from(step % 3);
-            say(
-                site.url(),
-                &["report", trial["name"].as_str().expect("a name"), &format!("render_ms={cost}")],
-            );
+            let name = trial["name"].as_str().expect("a name");
+            say(site.url(), &["report", name, &format!("render_ms={cost}"), &format!("mb={leaf}")]);
         }
     }
 }
@@ -214,6 +212,7 @@ fn look_at_pages(browser: &Browser, address: &str) {
         ("studies", "/"),
         ("study", "/studies/scenes?state=1"),
         ("parameters", "/studies/scenes/parameters?state=1"),
+        ("front", "/studies/scenes/front?metrics=render_ms,mb&state=1"),
         ("map", "/studies/scenes/map"),
         ("map-leaf", "/studies/scenes/map?show=max_leaf_size"),
         ("trials", "/studies/scenes/trials"),
