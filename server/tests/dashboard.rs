@@ -428,8 +428,8 @@ async fn a_front_is_shown_where_one_was_looked_for() {
 const MEASURED: u32 = 160;
 /// How often their number is doubled.
 const DOUBLINGS: u32 = 7;
-/// The longest that a page of it may take. In a release build on a machine of its own the goal is 200 ms; this
-/// is for a development build beside other work.
+/// The longest that a page of it may take, in a development build beside other work. The goal is 200 ms, in a
+/// release build on a machine of its own.
 const PAGE_LIMIT: Duration = Duration::from_secs(2);
 
 /// Gives each trial of a database that no server uses a copy under a new number, several times.
