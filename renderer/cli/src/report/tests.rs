@@ -236,7 +236,7 @@ fn the_curve_names_its_lines() {
     let svg = chart::svg(&results(50.0, "hall"));
     for label in [
         "each trial of the search",
-        "best of all (roofline)",
+        "best answer (roofline)",
         "native Embree used well",
         "best fixed configuration",
         "first prediction, for the other camera",
