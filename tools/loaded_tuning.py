@@ -15,7 +15,6 @@ Run it where nothing else does; taskset keeps it to some processors.
 
 import argparse
 import json
-import os
 import pathlib
 import random
 import statistics
@@ -25,9 +24,8 @@ import tempfile
 import threading
 
 from rounds import ratio
+from tune_scenes import BIN, Failed, render, served
 
-ROOT = pathlib.Path(__file__).resolve().parent.parent
-BIN = pathlib.Path(os.environ.get("BIN", ROOT / "target" / "release"))
 START = "start"
 NEAR = 1.03
 
@@ -71,41 +69,23 @@ class Load:
 
 def search(arguments, folder, seed):
     """One search with a fresh daemon; what `tune --json` tells."""
-    database, results = folder / f"{seed}.db", folder / "run.json"
-    daemon = subprocess.Popen(
-        [BIN / "treewrightd", "serve", "--listen", "127.0.0.1:0", "--database", database],
-        stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
-    )
-    try:
-        url = next((word for word in daemon.stdout.readline().split() if word.startswith("http://")), None)
-        if not url:
-            sys.exit(f"loaded_tuning: {BIN / 'treewrightd'} did not start")
-        command = [
-            BIN / "treewright-render", "tune", "--server", url, "--scene", arguments.scene, "--objective", arguments.objective,
-            "--iterations", str(arguments.iterations), "--worth", "inf", "--threads", str(arguments.threads), "--size", arguments.size,
-            "--rounds", str(arguments.tune_rounds), "--json", results,
-        ]
-        done = subprocess.run(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
-        if done.returncode:
-            sys.exit(f"loaded_tuning: the search failed:\n{done.stderr}")
-        return json.loads(results.read_text())
-    finally:
-        daemon.kill()
-        daemon.wait()
+    results = folder / "run.json"
+    with served(BIN, folder / f"{seed}.db") as url:
+        render(BIN, "tune", "--server", url, "--scene", arguments.scene, "--objective", arguments.objective,
+               "--iterations", str(arguments.iterations), "--worth", "inf", "--threads", str(arguments.threads),
+               "--size", arguments.size, "--rounds", str(arguments.tune_rounds), "--json", results)
+    return json.loads(results.read_text())
 
 
 def side_by_side(arguments, folder, named):
     """Milliseconds of each configuration in each round."""
-    command = [BIN / "treewright-render", "bench", "--scene", arguments.scene, "--threads", str(arguments.threads),
-               "--size", arguments.size, "--rounds", str(arguments.rounds),
-               "--only", ",".join(named), "--json", folder / "bench.json"]
+    command = ["bench", "--scene", arguments.scene, "--threads", str(arguments.threads), "--size", arguments.size,
+               "--rounds", str(arguments.rounds), "--only", ",".join(named), "--json", folder / "bench.json"]
     for name, configuration in named.items():
         path = folder / f"{name}.json"
         path.write_text(json.dumps(configuration))
         command += ["--contender", f"{name}=full:{path}"]
-    done = subprocess.run(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
-    if done.returncode:
-        sys.exit(f"loaded_tuning: the comparison failed:\n{done.stderr}")
+    render(BIN, *command)
     rows = json.loads((folder / "bench.json").read_text())[arguments.objective]
     return {row["name"]: row["rounds_ms"] for row in rows if row["name"] in named}
 
@@ -160,4 +140,7 @@ def main():
 
 
 if __name__ == "__main__":
-    main()
+    try:
+        main()
+    except Failed as failed:
+        sys.exit(f"loaded_tuning: {failed}")
