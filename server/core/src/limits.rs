@@ -67,7 +67,7 @@ pub const OBSERVATIONS_MAX: usize = 192;
 pub const DENOISED_STATES_MAX: usize = 1024;
 
 /// Most configurations that an assessment of a state looks at: its work grows with their cube, up to some
-/// 25 milliseconds with their measurements apart (`benches/estimate.rs`).
+/// 25 milliseconds with their measurements apart (`make gate` tells how long answers take).
 pub const ASSESSED_MAX: usize = 96;
 /// Most cells of an assessment, which are measurements that ran close to each other; with more, each
 /// configuration is one cell.

@@ -6,8 +6,9 @@
 //! there is none, the answer is the incumbent: the best of other states or the study's default configuration,
 //! until a [confirmation](super::confirmation) replaces it.
 //!
-//! An assessment takes a few milliseconds. It is made apart from the tuner, from a copy of the state's table,
-//! and kept until the table changes. A caller that cannot wait gets the last assessment.
+//! An assessment takes milliseconds, up to some 25 in a state of many configurations. It is made apart from
+//! the tuner, from a copy of the state's table, and kept until the table changes. A caller that cannot wait
+//! gets the last assessment.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
