@@ -163,6 +163,23 @@ fn the_renderer_survives_the_daemon() {
     assert!(acknowledged >= 5);
 }
 
+#[test]
+fn a_search_waits_for_a_daemon_that_is_slow() {
+    let site = Site::new();
+    let file = site.file("run.json");
+    let renderer = tune(site.url(), &file, "60").spawn().expect("the renderer runs");
+    wait_until("five trials", || completed(site.url()) >= 5);
+    // Longer than a program waits for its frame, or a command for its answer.
+    site.daemon.signal("STOP");
+    std::thread::sleep(Duration::from_secs(6));
+    site.daemon.signal("CONT");
+    let output = renderer.wait_with_output().expect("the renderer ends");
+    assert!(output.status.success(), "{}", stderr(&output));
+    let results = read(&file);
+    assert_eq!(results["client"]["fallbacks"], 0, "every frame had its trial: {}", results["client"]);
+    assert!(results["trials"].as_array().is_some_and(|ran| ran.len() >= 60), "none was given up");
+}
+
 /// The study keeps the operator's policy when another user's run is killed in the middle.
 #[test]
 fn a_run_that_is_killed_leaves_the_policy_alone() {

@@ -84,3 +84,36 @@ impl NextTrial for PatientTuner<'_> {
         self.tuner.next(state, previous)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The number of calls, and whether the last one was answered, where the first `late` are not.
+    fn called(late: u32, limit: Duration, go_on: bool) -> (u32, bool) {
+        let mut calls = 0;
+        let answer = Patience { limit, go_on: &|| go_on }.call(|| {
+            calls += 1;
+            match calls > late {
+                true => Ok(()),
+                false => Err(ClientError::Late { url: "a daemon".into(), call: "GetBest", deadline: LOOK }),
+            }
+        });
+        (calls, answer.is_ok())
+    }
+
+    #[test]
+    fn what_is_not_answered_in_time_is_asked_again_while_patience_lasts() {
+        let minute = Duration::from_secs(60);
+        assert_eq!(called(0, Duration::ZERO, true), (1, true));
+        assert_eq!(called(1, minute, true), (2, true));
+        assert_eq!(called(1, Duration::ZERO, true), (1, false), "patience is at its end");
+        assert_eq!(called(1, minute, false), (1, false), "the user wants no more");
+        let mut calls = 0;
+        let refused = Patience { limit: minute, go_on: &|| true }.call(|| {
+            calls += 1;
+            Err::<(), _>(ClientError::NoRuntime { reason: "none".into() })
+        });
+        assert!(refused.is_err() && calls == 1, "waiting cannot help");
+    }
+}
