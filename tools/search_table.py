@@ -56,13 +56,13 @@ def start_cost(results):
 
 
 def dear(results):
-    """Share of dear frames, and the dearest over the start."""
+    """Share of dear frames, and the dearest over the start; None where there are none or the start has no cost."""
     start = start_cost(results)
     ran = [(frames(trial, results) or 1, cost(trial)) for trial in results["trials"] if cost(trial) is not None]
     if not start or not ran:
-        return NOTHING, NOTHING
+        return None
     above = sum(count for count, own in ran if own > DEAR_ABOVE * start)
-    return f"{above / sum(count for count, _ in ran):.2f}", f"{max(own for _, own in ran) / start:.2f}"
+    return above / sum(count for count, _ in ran), max(own for _, own in ran) / start
 
 
 def session(results):
@@ -108,13 +108,18 @@ def gain(results):
     return f"{over['median']:.2f}" + (f" [{ends[0]:.2f}, {ends[1]:.2f}]" if ends else "")
 
 
+def number(value):
+    return NOTHING if value is None else f"{value:.2f}"
+
+
 def cells(results):
     objective = results["objective"]
     objective = objective if isinstance(objective, str) else " ".join(f"{name} {count}" for name, count in objective.items())
-    most, reached = session(results), until(results)
+    reached = until(results)
     start = results.get("start_name", "best fixed configuration")
     return [results["scene"]["name"], objective, start, len(results["trials"]), shown(results), f"{seconds(results):.1f}",
-            *dear(results), NOTHING if most is None else f"{most:.2f}", NOTHING if reached is None else reached, gain(results)]
+            *map(number, dear(results) or (None, None)), number(session(results)), NOTHING if reached is None else reached,
+            gain(results)]
 
 
 def row(cells):

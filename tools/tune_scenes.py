@@ -152,13 +152,17 @@ def compare(bench, pairs):
 
 
 def goals(name, all_results):
-    """How many searches met the goals of a session that begins at a start of its own."""
+    """How many searches met the goals of a session that begins at a start of its own, and which frames were dear."""
     reached = [frames for frames in map(search_table.until, all_results) if frames is not None]
     most = [ratio for ratio in map(search_table.session, all_results) if ratio is not None]
     median = f", after {statistics.median(reached):.0f} frames in the median of these" if reached else ""
     below = sum(ratio <= 1 for ratio in most)
     print(f"\n{name}: shown to be {search_table.FASTER} times as fast as the start in {len(reached)} of {len(all_results)}{median}; the "
           f"whole session never above the baseline's after {search_table.SESSION} frames in {below} of {len(most)}")
+    unsafe = list(filter(None, map(search_table.dear, all_results)))
+    if unsafe:
+        print(f"\n{name}: frames above {search_table.DEAR_ABOVE} times the start: {statistics.median(share for share, _ in unsafe):.0%} in the "
+              f"median of the searches, {max(share for share, _ in unsafe):.0%} at most; the dearest {max(worst for _, worst in unsafe):.2f} times")
 
 
 def parsed():
