@@ -230,6 +230,14 @@ impl TuningResults {
         last.map(|milestone| milestone.trials)
     }
 
+    /// The frames that were shown, and the milliseconds that were spent, until a number of trials were over.
+    pub fn spent_until(&self, trials: u32) -> (u32, f64) {
+        let ran = self.trials.iter().filter(|trial| trial.number <= trials);
+        ran.fold((0, 0.0), |(frames, ms), trial| {
+            (frames + trial.frames(self.frames_per_trial), ms + trial.total_ms)
+        })
+    }
+
     /// Number of different configurations in the trials.
     pub fn configurations(&self) -> usize {
         let texts: std::collections::BTreeSet<String> =

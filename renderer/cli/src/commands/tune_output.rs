@@ -9,9 +9,6 @@ use treewright_renderer::tuning::objective::Objective;
 use treewright_renderer::tuning::results::TuningResults;
 use treewright_renderer::tuning::who::Who;
 
-/// Speed-ups whose first trial is shown.
-const FACTORS: [f64; 4] = [1.1, 1.2, 1.3, 1.4];
-
 /// Frames after which the time of the whole session is shown.
 const SESSIONS: [u32; 3] = [100, 1000, 10_000];
 
@@ -111,11 +108,7 @@ fn on_the_way(results: &TuningResults) -> Option<String> {
     let rows = parts::on_the_way(results);
     let steps: Vec<String> =
         rows.iter().map(|row| format!("after {} trials {}", row.trials, row.over_start)).collect();
-    let until = FACTORS.iter().filter_map(|factor| {
-        results.trials_until(*factor).map(|trials| format!("{factor} × within {trials} trials"))
-    });
-    let until: Vec<String> = until.collect();
-    let shown = if until.is_empty() { String::new() } else { format!("; shown: {}", until.join(", ")) };
+    let shown = parts::until(results).map_or_else(String::new, |until| format!("; shown: {until}"));
     let start = &results.began_at;
     (!steps.is_empty()).then(|| format!("on the way, over the {start}: {}{shown}", steps.join(", ")))
 }

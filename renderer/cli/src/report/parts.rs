@@ -12,6 +12,9 @@ use treewright_renderer::tuning::who::{NATIVE_DEFAULT, Who};
 /// Smaller speed-ups are not reported as such: frames vary by more.
 const WORTH_TELLING: f64 = 1.03;
 
+/// Speeds over the start whose first frame is shown.
+const FACTORS: [f64; 4] = [1.1, 1.2, 1.3, 1.4];
+
 /// A line of the table of measured structures.
 pub(super) struct StandingRow {
     pub(super) name: String,
@@ -114,6 +117,16 @@ pub(crate) fn on_the_way(results: &TuningResults) -> Vec<WayRow> {
         }
     }
     rows
+}
+
+/// The frames, and the time spent, after which answers are shown to be faster than the start by round factors.
+pub(crate) fn until(results: &TuningResults) -> Option<String> {
+    let one = |factor: &f64| {
+        let (frame, ms) = results.spent_until(results.trials_until(*factor)?);
+        Some(format!("{factor} × after frame {frame} ({:.1} s)", ms / 1000.0))
+    };
+    let all: Vec<String> = FACTORS.iter().filter_map(one).collect();
+    (!all.is_empty()).then(|| all.join(", "))
 }
 
 /// A contender inside a sentence.

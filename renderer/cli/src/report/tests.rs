@@ -268,6 +268,9 @@ fn the_way_and_the_whole_session_are_told_from_where_the_search_began() {
     results.milestones = vec![way(1, 1, 0.98), way(2, 2, 1.12), way(4, 2, 1.12), way(8, 3, 1.33)];
     let until: Vec<_> = [1.0, 1.1, 1.3, 1.4].map(|factor| results.trials_until(factor)).into();
     assert_eq!(until, [Some(2), Some(2), Some(8), None]);
+    let spent = "1.1 × after frame 1 (0.1 s), 1.2 × after frame 3 (1.1 s), 1.3 × after frame 3 (1.1 s)";
+    assert_eq!(parts::until(&results).as_deref(), Some(spent));
+    assert!(page(&results, &grey(), &grey()).is_ok_and(|html| html.contains(spent)));
     // A gain that is lost again was not reached.
     results.milestones.push(way(16, 4, 1.05));
     assert_eq!(results.trials_until(1.1), None);
