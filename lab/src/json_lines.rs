@@ -21,7 +21,10 @@ struct Head<C> {
 }
 
 /// Begins a record with its conditions, unless it is begun.
-pub(crate) fn begin(path: &Path, conditions: &impl Serialize) -> Result<(), CliError> {
+///
+/// # Errors
+/// The file cannot be read or written.
+pub fn begin(path: &Path, conditions: &impl Serialize) -> Result<(), CliError> {
     if is_begun(path)? { Ok(()) } else { add(path, &Head { conditions }) }
 }
 
@@ -37,7 +40,10 @@ fn is_begun(path: &Path) -> Result<bool, CliError> {
 }
 
 /// The conditions of a record, and its other whole lines, each read when it is asked for.
-pub(crate) fn read<C: DeserializeOwned, T: DeserializeOwned>(
+///
+/// # Errors
+/// The file cannot be read, or is no such record; lines that are none fail when it is their turn.
+pub fn read<C: DeserializeOwned, T: DeserializeOwned>(
     path: &Path,
 ) -> Result<(C, impl Iterator<Item = Result<T, CliError>>), CliError> {
     let mut text = std::fs::read(path).map_err(|error| wrong(path, &error.to_string()))?;
@@ -56,7 +62,10 @@ fn parsed<T: DeserializeOwned>(path: &Path, number: usize, line: &[u8]) -> Resul
 }
 
 /// Adds a line, in place of one that was left unfinished; it is on the disk when this returns.
-pub(crate) fn add(path: &Path, line: &impl Serialize) -> Result<(), CliError> {
+///
+/// # Errors
+/// The file cannot be read or written.
+pub fn add(path: &Path, line: &impl Serialize) -> Result<(), CliError> {
     let failed = |error: String| CliError::Failed(format!("{} cannot be written: {error}", path.display()));
     let mut text = serde_json::to_vec(line).map_err(|error| failed(error.to_string()))?;
     text.push(b'\n');

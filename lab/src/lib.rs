@@ -10,6 +10,8 @@
 //! | `json_lines` | records on disk |
 //! | `sessions` | the sums of builds and frames of sessions in which a tree serves some frames |
 //! | `simulated` | parts of the studies of examples and tests |
+//! | `ways` | ways to do one thing in many worlds: each world's best beside the best of other scenes |
+//! | `worlds` | a scene, its motion and the size of its pictures in one word |
 //! | `commands` | the program `treewright-lab`: these |
 //!
 //! The example `gate` compares searches and answers of the tuner, without a renderer, with recorded figures
@@ -21,7 +23,9 @@ pub mod converge;
 pub(crate) mod evaluation;
 pub(crate) mod fleet;
 pub(crate) mod geometry;
-pub(crate) mod json_lines;
+pub mod json_lines;
 pub(crate) mod leave_scene_out;
 pub mod sessions;
 pub mod simulated;
+pub mod ways;
+pub mod worlds;

@@ -1,8 +1,12 @@
 //! What a session costs in which the geometry changes every few frames: with one structure, or with a quick
 //! one that gives way to a better one. Builds and frames were measured before; here they are added up.
 
-/// Build and frame of a structure.
-#[derive(Clone, Copy, Debug, PartialEq)]
+use serde::{Deserialize, Serialize};
+
+/// Build and frame of a structure. On disk a pair; nothing for one that cannot be built, since JSON has no
+/// infinity.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(from = "Option<[f64; 2]>", into = "Option<[f64; 2]>")]
 pub struct Times {
     /// Its build, in milliseconds.
     pub build_ms: f64,
@@ -17,6 +21,18 @@ pub enum Behind {
     SameCores,
     /// Nobody's: it begins with the first frame, and costs nothing.
     SpareCores,
+}
+
+impl From<Option<[f64; 2]>> for Times {
+    fn from(pair: Option<[f64; 2]>) -> Self {
+        pair.map_or(Self::NONE, |[build_ms, frame_ms]| Self { build_ms, frame_ms })
+    }
+}
+
+impl From<Times> for Option<[f64; 2]> {
+    fn from(Times { build_ms, frame_ms }: Times) -> Self {
+        (build_ms.is_finite() && frame_ms.is_finite()).then_some([build_ms, frame_ms])
+    }
 }
 
 impl Times {
@@ -74,6 +90,14 @@ mod tests {
 
     const QUICK: Times = Times { build_ms: 10.0, frame_ms: 20.0 };
     const GOOD: Times = Times { build_ms: 110.0, frame_ms: 10.0 };
+
+    #[test]
+    fn times_on_disk_are_read_as_they_were() {
+        let text = serde_json::to_string(&[QUICK, Times::NONE]).expect("they are numbers");
+        assert_eq!(text, "[[10.0,20.0],null]");
+        let read: [Times; 2] = serde_json::from_str(&text).expect("they are times");
+        assert_eq!(read, [QUICK, Times::NONE]);
+    }
 
     #[test]
     fn a_session_is_the_sum_of_its_stretches() {

@@ -3,13 +3,22 @@
 //! some frames, by the time of whole sessions (see `sessions`).
 //!
 //! `cargo run --release -p treewright-lab --example levers -- --lever light|follow|sessions [--rounds N]
-//! [--width N] [--frames N] [--winners FOLDER] [--session-frames N] [--trials N] [--weigh-gain] WORLD...`
+//! [--width N] [--frames N] [--winners FOLDER] [--session-frames N] [--trials N] [--weigh-gain]
+//! [--record FILE] [--add FILE]... WORLD...`
 //! A world is a file or `builtin:NAME`; for `follow` a motion (`itself` for scenes that move by themselves)
-//! and cycles in an episode stand behind it, as in `builtin:city@sway@0.25`. Without winners a few ways to
-//! follow are compared. With a folder of files that `treewright-render tune --objective error|motion --json`
-//! wrote, named like the worlds (`city-sway-0.25.json`), every world's winner runs in every world, and each
-//! is compared with the one way that is best in all worlds of other scenes.
+//! and cycles in an episode stand behind it, as in `builtin:city@sway@0.25`. Pictures of another width and
+//! another number of triangles are worlds of their own: `builtin:city@sway@0.25@160px@x0.5`. All are loaded
+//! once before anything is measured, so that a wrong name does not end a long run.
+//!
+//! Without winners a few ways to follow are compared. With a folder of files that `treewright-render tune
+//! --objective error|motion --json` wrote, named like the worlds (`city-sway-0.25.json`), every winner runs
+//! in every world, and each is compared with the one way that is best in all worlds of other scenes.
+//!
+//! A campaign can be split, and goes on where it was broken off. Each world's rows are printed, and written
+//! to `--record`, as soon as they are there. Worlds that this file or one of `--add` holds are not measured
+//! again, and the tables at the end are of all of them.
 
+mod record;
 mod sessions;
 
 use std::collections::BTreeSet;
@@ -17,16 +26,20 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use clap::{Parser, ValueEnum};
+use serde::{Deserialize, Serialize};
 use treewright_lab::converge::bootstrap::{in_words, interval};
-use treewright_render_cli::arguments::{SceneArguments, read_configuration};
+use treewright_lab::ways::{COLUMNS, Gains, WayTimes, Ways, WorldRow, geometric_mean};
+use treewright_lab::worlds::{WIDTH_MIN, World, WrittenWorld};
+use treewright_render_cli::arguments::read_configuration;
+use treewright_render_cli::output;
 use treewright_renderer::frame::Renderer;
 use treewright_renderer::integrator::View;
+use treewright_renderer::limits::{EPISODE_FRAMES_MAX, ROUNDS_MAX, SIZE_MAX};
 use treewright_renderer::measure::{Conditions, Contender, Standing, Yardstick, interleaved, standings};
 use treewright_renderer::space::{Choice, Premises, Preset, TuningSpace, parse};
-use treewright_renderer::statistics::{Ratio, Summary};
+use treewright_renderer::statistics::Summary;
 use treewright_renderer::tuning::who::Who;
 use treewright_scene::Scene;
-use treewright_scene::motion::Motion;
 
 type Failure = Box<dyn std::error::Error>;
 
@@ -48,7 +61,8 @@ const FOLLOW: [(&str, &str); 13] = [
 ];
 
 /// Which lever.
-#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
+#[derive(Clone, Copy, PartialEq, Eq, ValueEnum, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 enum Lever {
     Light,
     Follow,
@@ -60,13 +74,14 @@ enum Lever {
 struct Arguments {
     #[arg(long, value_enum, default_value = "light")]
     lever: Lever,
-    #[arg(long, default_value_t = 7)]
+    /// Half of them choose, and the others judge.
+    #[arg(long, default_value_t = 7, value_parser = clap::value_parser!(u32).range(2..=i64::from(ROUNDS_MAX)))]
     rounds: u32,
-    /// Pixels across, four to three down.
-    #[arg(long, default_value_t = 320)]
+    /// Pixels across, four to three down; a world may say otherwise.
+    #[arg(long, default_value_t = 320, value_parser = clap::value_parser!(u32).range(i64::from(WIDTH_MIN)..=i64::from(SIZE_MAX)))]
     width: u32,
     /// Frames of an episode.
-    #[arg(long, default_value_t = 24)]
+    #[arg(long, default_value_t = 24, value_parser = clap::value_parser!(u32).range(2..=i64::from(EPISODE_FRAMES_MAX)))]
     frames: u32,
     /// Folder of the results of `treewright-render tune --json`, named like the worlds.
     #[arg(long)]
@@ -80,57 +95,45 @@ struct Arguments {
     /// The service explores in a session only where the expected gain pays for it.
     #[arg(long)]
     weigh_gain: bool,
+    /// Writes each world's rows to this file as soon as they are there. Those that it has are not measured
+    /// again.
+    #[arg(long, value_name = "FILE")]
+    record: Option<PathBuf>,
+    /// Adds the rows of such a file of another run; may be given several times.
+    #[arg(long, value_name = "FILE")]
+    add: Vec<PathBuf>,
     /// Each a scene, for `follow` with its motion and cycles, as `builtin:city@sway@0.25`.
-    worlds: Vec<String>,
+    worlds: Vec<WrittenWorld>,
 }
 
 impl Arguments {
-    /// Pixels across and down.
-    fn size(&self) -> [u32; 2] {
-        [self.width, self.width / 4 * 3]
+    /// That all worlds are there, and move if they have to.
+    fn check(&self) -> Result<(), Failure> {
+        let mut names = BTreeSet::new();
+        for world in &self.worlds {
+            let (name, wants_motion) = (world.name(), self.lever == Lever::Follow);
+            if !names.insert(name) {
+                return Err(format!("{name} is there twice").into());
+            }
+            if world.is_moving() != wants_motion {
+                let wants =
+                    if wants_motion { "wants a motion" } else { "has a motion, as for --lever follow" };
+                return Err(format!("{name} {wants}").into());
+            }
+            world.check(self.frames)?;
+        }
+        Ok(())
     }
 }
 
-/// A scene, and how it moves.
-struct World {
-    /// Of its file of results.
-    name: String,
-    /// Of the scene alone.
-    scene: String,
-    moments: Vec<Arc<Scene>>,
-}
-
-fn stem(scene: &str) -> String {
-    let path = Path::new(scene.trim_start_matches("builtin:"));
-    path.file_stem().unwrap_or_default().to_string_lossy().into_owned()
-}
-
-/// As it is written in the arguments: what the name of its results is, its scene, motion and cycles.
-fn parts(world: &str) -> (String, String, Option<&str>, f32) {
-    let mut parts = world.split('@');
-    let scene = parts.next().unwrap_or_default();
-    let (motion, cycles) = (parts.next(), parts.next());
-    let words = std::iter::once(stem(scene)).chain(motion.into_iter().chain(cycles).map(str::to_owned));
-    let name = words.collect::<Vec<_>>().join("-");
-    (name, scene.to_owned(), motion, cycles.and_then(|text| text.parse().ok()).unwrap_or(0.25))
-}
-
-fn world(written: &str, frames: u32) -> Result<World, Failure> {
-    let (name, scene, motion, cycles) = parts(written);
-    let moment = |frame: u32| cycles * frame as f32 / frames as f32;
-    let mut arguments = SceneArguments::plain(scene.clone(), 1.0, None, 0.0);
-    let moments = match motion {
-        None => vec![arguments.load()?],
-        Some(motion) => {
-            if motion != "itself" {
-                let known = Motion::ALL.into_iter().find(|known| known.name() == motion);
-                arguments.motion = Some(known.ok_or("no such motion")?);
-            }
-            let moving = arguments.moving()?;
-            (0..frames).map(|frame| moving.at(moment(frame))).collect::<Result<_, _>>()?
-        }
-    };
-    Ok(World { name, scene, moments })
+/// What rows of several runs must have in common.
+#[derive(PartialEq, Serialize, Deserialize)]
+struct Campaign {
+    lever: Lever,
+    rounds: u32,
+    width: u32,
+    frames: u32,
+    ways: Vec<(String, Choice)>,
 }
 
 /// Named ways, each a configuration; the first is the baseline of the others.
@@ -151,14 +154,31 @@ fn ways(arguments: &Arguments, space: &TuningSpace) -> Result<Vec<(String, Choic
                 all.push((name.to_owned(), space.choice(&parse(text)?)?));
             }
         }
-        Some(folder) => {
-            for name in arguments.worlds.iter().map(|world| parts(world).0) {
-                let tuned = read_configuration(&folder.join(format!("{name}.json")))?;
-                all.push((name, space.choice(&tuned)?));
-            }
-        }
+        Some(folder) => all.extend(winners(folder, arguments, space)?),
     }
     Ok(all)
+}
+
+/// The winners in a folder, all of which run in every world, by the names of their worlds.
+fn winners(
+    folder: &Path,
+    arguments: &Arguments,
+    space: &TuningSpace,
+) -> Result<Vec<(String, Choice)>, Failure> {
+    let entries = std::fs::read_dir(folder).map_err(|error| format!("{}: {error}", folder.display()))?;
+    let paths = entries.map(|entry| entry.map(|entry| entry.path()));
+    let mut files = paths.collect::<Result<Vec<PathBuf>, std::io::Error>>()?;
+    files.retain(|file| file.extension().is_some_and(|ending| ending == "json"));
+    files.sort();
+    let mut all: Vec<(String, Choice)> = Vec::new();
+    for file in files {
+        let name = file.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+        all.push((name, space.choice(&read_configuration(&file)?)?));
+    }
+    match arguments.worlds.iter().find(|world| all.iter().all(|(name, _)| name != world.name())) {
+        Some(world) => Err(format!("{} has no winner {}.json", folder.display(), world.name()).into()),
+        None => Ok(all),
+    }
 }
 
 fn view(scene: &Scene) -> View {
@@ -183,37 +203,21 @@ fn measured(
     let named = |name: &String| Who::Named(name.clone().into());
     let contender = |(name, choice): &(String, Choice)| Contender { who: named(name), choice: *choice };
     let contenders: Vec<Contender> = ways.iter().map(contender).collect();
-    let [width, height] = arguments.size();
+    let [width, height] = world.size;
     let rounds = arguments.rounds;
     let conditions = Conditions { view, width, height, rounds, frames_per_build, yardstick };
     Ok(standings(&interleaved(&mut renderer, &contenders, &conditions, || true), frames_per_build))
 }
 
-/// Speed of `one` over `other`, round by round in the geometric mean; nothing for ways that did not run.
-fn speed(one: &Standing, other: &Standing) -> f64 {
-    let ratios = other.undelayed_ms.iter().zip(&one.undelayed_ms).map(|(other, one)| (other / one).ln());
-    if one.undelayed_ms.is_empty() {
-        0.0
-    } else {
-        (ratios.sum::<f64>() / one.undelayed_ms.len() as f64).exp()
-    }
-}
-
-fn geometric_mean(values: &[f64]) -> f64 {
-    (values.iter().map(|value| value.ln()).sum::<f64>() / values.len().max(1) as f64).exp()
-}
-
-/// The number of the way that is best in the mean over all worlds of other scenes. Winners of worlds of that
-/// scene do not take part: a winner's number is its world's, behind the two ways that everybody has.
-fn best_fixed(tables: &[Vec<Standing>], scenes: &[String], of: usize, are_winners: bool) -> usize {
-    let is_other = |world: usize| scenes[world] != scenes[of];
-    let others = |way: usize| {
-        let ratios = tables.iter().enumerate().filter(|(world, _)| is_other(*world));
-        geometric_mean(&ratios.map(|(_, table)| speed(&table[way], &table[0])).collect::<Vec<_>>())
+/// A world's rows, of all ways in their order.
+fn row(world: &World, table: &[Standing]) -> WorldRow {
+    let times = |one: &Standing| WayTimes {
+        build_ms: one.build_ms.median,
+        render_ms: one.render_ms.median,
+        cost_ms: one.undelayed_ms.clone(),
     };
-    let takes_part = |way: &usize| !are_winners || *way < 2 || is_other(*way - 2);
-    let ways = (0..tables[0].len()).filter(takes_part);
-    ways.max_by(|a, b| others(*a).total_cmp(&others(*b))).unwrap_or(0)
+    let ways = table.iter().map(times).collect();
+    WorldRow { world: world.name.clone(), scene: world.scene.clone(), ways }
 }
 
 /// One line on some ratios, with intervals by drawing scenes: worlds of one scene are no independent cases.
@@ -232,46 +236,66 @@ fn in_summary(title: &str, values: &[f64], scenes: &[String]) {
     println!("{title}: geometric mean {mean}, median {median}, least {least:.3}");
 }
 
-fn main() -> Result<(), Failure> {
-    let arguments = Arguments::parse();
-    if arguments.lever == Lever::Sessions {
-        return sessions::run(&arguments);
+/// A line for each world, with the median and the least of all behind them, and then their means.
+fn print(ways: &Ways) {
+    let gains: Vec<Gains> = (0..ways.rows.len()).map(|world| ways.gains(world)).collect();
+    let mut heading = vec!["world", "own way", "best fixed way of other scenes"];
+    heading.extend(COLUMNS);
+    let mut table = output::table(&heading);
+    let in_digits = |ratios: [f64; COLUMNS.len()]| ratios.map(|ratio| format!("{ratio:.3}"));
+    for (row, gains) in ways.rows.iter().zip(&gains) {
+        let mut cells = vec![row.world.clone(), gains.own.clone(), gains.fixed.clone()];
+        cells.extend(in_digits(gains.ratios));
+        table.add_row(cells);
     }
+    let columns: [Vec<f64>; COLUMNS.len()] =
+        std::array::from_fn(|column| gains.iter().map(|gains| gains.ratios[column]).collect());
+    let least = |values: &Vec<f64>| values.iter().copied().fold(f64::INFINITY, f64::min);
+    let medians = columns.each_ref().map(|values| Summary::of(values).median);
+    for (title, ratios) in [("median", medians), ("least", columns.each_ref().map(least))] {
+        let mut cells = vec![title.to_owned(), String::new(), String::new()];
+        cells.extend(in_digits(ratios));
+        table.add_row(cells);
+    }
+    println!("{table}");
+    let scenes: Vec<String> = ways.rows.iter().map(|row| row.scene.clone()).collect();
+    for (title, values) in COLUMNS.into_iter().zip(&columns) {
+        in_summary(title, values, &scenes);
+    }
+}
+
+/// Compares ways to sample light, or to follow motion, in all worlds.
+fn compare(arguments: &Arguments) -> Result<(), Failure> {
     let preset = if arguments.lever == Lever::Light { Preset::Light } else { Preset::Follow };
     let space = TuningSpace::new(preset, &Premises::all());
-    let ways = ways(&arguments, &space)?;
-    let (mut tables, mut scenes, mut names) = (Vec::new(), Vec::new(), Vec::new());
+    let &Arguments { lever, rounds, width, frames, .. } = arguments;
+    let campaign = Campaign { lever, rounds, width, frames, ways: ways(arguments, &space)? };
+    let mut rows = record::measured_before(arguments, &campaign, |row: &WorldRow| row.world.as_str())?;
     for written in &arguments.worlds {
-        let world = world(written, arguments.frames)?;
-        let table = measured(&world, &ways, &arguments)?;
+        if rows.iter().any(|row| row.world == written.name()) {
+            continue;
+        }
+        let world = written.load(frames, width)?;
+        let table = measured(&world, &campaign.ways, arguments)?;
         println!("{}", world.name);
         for one in &table {
             let (build, render) = (one.build_ms.median, one.render_ms.median);
             println!("  {:24} {build:8.2} + {render:8.2} ms  {}", one.who, one.gain_over(&table[0]));
         }
-        tables.push(table);
-        scenes.push(world.scene);
-        names.push(world.name);
+        let row = row(&world, &table);
+        record::keep(arguments, &row)?;
+        rows.push(row);
     }
-    println!("world, own way over the untuned, over the best fixed way of other scenes, ceiling over it");
-    let (mut over_untuned, mut over_fixed, mut ceilings) = (Vec::new(), Vec::new(), Vec::new());
-    for (number, (name, table)) in names.iter().zip(&tables).enumerate() {
-        let fixed = &table[best_fixed(&tables, &scenes, number, arguments.winners.is_some())];
-        let best = table.iter().max_by(|a, b| speed(a, &table[0]).total_cmp(&speed(b, &table[0])));
-        let own = if arguments.winners.is_some() { &table[number + 2] } else { best.unwrap_or(fixed) };
-        let ceiling = best.map_or(1.0, |best| speed(best, fixed));
-        let shown: [Ratio; 2] = [own.gain_over(&table[0]), own.gain_over(fixed)];
-        println!("{name:24} {}   {} ({} over {})   {ceiling:.2}", shown[0], shown[1], own.who, fixed.who);
-        over_untuned.push(shown[0].median);
-        over_fixed.push(shown[1].median);
-        ceilings.push(ceiling);
-    }
-    for (title, values) in [
-        ("over the untuned", over_untuned),
-        ("over the best fixed of other scenes", over_fixed),
-        ("ceiling over it", ceilings),
-    ] {
-        in_summary(title, &values, &scenes);
-    }
+    let names: Vec<String> = campaign.ways.into_iter().map(|(name, _)| name).collect();
+    print(&Ways { names: &names, rows: &rows, are_winners: arguments.winners.is_some() });
     Ok(())
+}
+
+fn main() -> Result<(), Failure> {
+    let arguments = Arguments::parse();
+    arguments.check()?;
+    match arguments.lever {
+        Lever::Sessions => sessions::run(&arguments),
+        Lever::Light | Lever::Follow => compare(&arguments),
+    }
 }

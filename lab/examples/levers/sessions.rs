@@ -9,17 +9,19 @@
 //! that were built since the geometry changed. Then all structures that take part run in the same rounds. By
 //! every other round the fixed and the best structures are chosen, by the rest all sessions are added up, so
 //! that nobody is chosen by luck and judged by it. Waiting for the service is left out: answers are asked for
-//! a frame ahead.
+//! a frame ahead. The service of a run that is split knows less: nothing of worlds that were measured before.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
+use serde::{Deserialize, Serialize};
 use treewright_accel::BuildChoice;
 use treewright_client::{Configuration, Indicators, Policy};
 use treewright_core::policy::Policy as DecidedPolicy;
 use treewright_core::trial::{Outcome, Rule};
 use treewright_core::tuner::{Ask, Tuner};
 use treewright_lab::sessions::{Behind, Times, session_ms};
+use treewright_lab::worlds::World;
 use treewright_render_cli::output;
 use treewright_renderer::film::Film;
 use treewright_renderer::frame::{FrameTimes, Renderer};
@@ -32,7 +34,7 @@ use treewright_renderer::tuning::who::Who;
 use treewright_renderer::tuning::workload::Workload;
 use treewright_scene::indicators::SceneIndicators;
 
-use crate::{Arguments, Failure, World, in_summary, view, world};
+use crate::{Arguments, Failure, in_summary, record, view};
 
 /// How many frames a tree serves.
 const SERVED: [u32; 6] = [1, 4, 16, 64, 256, 1024];
@@ -119,23 +121,37 @@ struct Stage {
     known: BTreeMap<String, Known>,
 }
 
+/// What tables of several runs must have in common.
+#[derive(PartialEq, Serialize, Deserialize)]
+struct Conduct {
+    sessions: [u32; 6],
+    rounds: u32,
+    width: u32,
+    session_frames: u32,
+    trials: u32,
+    weigh_gain: bool,
+    /// By name and text.
+    structures: Vec<(String, String)>,
+}
+
 /// What was measured in a world.
+#[derive(Serialize, Deserialize)]
 struct Table {
-    name: String,
+    world: String,
     scene: String,
     /// Of the structures that all worlds have, and behind them of the service's answers here: by the rounds
     /// that choose, and by those that judge.
     times: Vec<[Times; 2]>,
     /// For each number of served frames, the session with the service and with its last answer alone, in
-    /// milliseconds.
-    service_ms: Vec<[f64; 2]>,
+    /// milliseconds; `None` for answers that could not be built in the rounds.
+    service_ms: Vec<[Option<f64>; 2]>,
     asked: Vec<u32>,
 }
 
 impl Stage {
-    fn new(world: &World, space: &Arc<TuningSpace>, arguments: &Arguments) -> Result<Self, Failure> {
+    fn new(world: &World, space: &Arc<TuningSpace>) -> Result<Self, Failure> {
         let scene = &world.moments[0];
-        let [width, height] = arguments.size();
+        let [width, height] = world.size;
         let setting = SearchSetting {
             // Every measurement builds.
             objective: Objective::Auto(1),
@@ -274,7 +290,7 @@ impl Table {
                 |pair: &[usize; 2]| over_all(&|served| self.swapped_ms(*pair, behind, served, 0, frames));
             self.swapped_ms(least(pairs(), mean), behind, served, 1, frames)
         };
-        let [service, answers] = self.service_ms[place];
+        let [service, answers] = self.service_ms[place].map(|ms| ms.unwrap_or(f64::INFINITY));
         [
             alone(QUICK),
             alone(if served <= QUICK_UP_TO { QUICK } else { MIDDLE }),
@@ -328,9 +344,9 @@ fn measured(
     common: &[Configuration],
     (space, arguments): (&Arc<TuningSpace>, &Arguments),
 ) -> Result<Table, Failure> {
-    let mut stage = Stage::new(&world, space, arguments)?;
+    let mut stage = Stage::new(&world, space)?;
     let scene = &world.moments[0];
-    let ([width, height], frames) = (arguments.size(), arguments.session_frames);
+    let ([width, height], frames) = (world.size, arguments.session_frames);
     let seen = SceneIndicators::of(scene).with_camera(&stage.setting.view.camera);
     let workload = Workload::of(scene, width, height, stage.setting.view.bounces);
     let mut sessions = Vec::new();
@@ -366,11 +382,21 @@ fn measured(
         };
         let answer = judged(&played.answer).unwrap_or(Times::NONE);
         let alone_ms = session_ms(frames, served, |stretch| answer.serves_ms(stretch));
-        [played.ran.iter().map(cost).sum::<f64>(), alone_ms]
+        [played.ran.iter().map(cost).sum::<f64>(), alone_ms].map(|ms| Some(ms).filter(|ms| ms.is_finite()))
     });
     let service_ms = service_ms.collect();
     let asked = sessions.iter().map(|played| played.asked).collect();
-    Ok(Table { name: world.name, scene: world.scene, times, service_ms, asked })
+    Ok(Table { world: world.name, scene: world.scene, times, service_ms, asked })
+}
+
+/// One line for each number of served frames in a world, as soon as it is measured.
+fn print_world(table: &Table, frames: u32) {
+    println!("{}", table.world);
+    for (place, served) in SERVED.into_iter().enumerate() {
+        let compared_s = table.compared_ms(place, frames).map(|ms| ms / 1e3);
+        let [start, _, service, .., best] = compared_s;
+        println!("  N {served:4}: start {start:8.2} s, service {service:8.2} s, best {best:8.2} s");
+    }
 }
 
 /// One line for each world and number of served frames, then all of them together.
@@ -387,7 +413,7 @@ fn print(tables: &[Table], names: &[&str], frames: u32) {
             let fixed_ms = world.session_ms(fixed, served, 1, frames);
             let compared_ms = world.compared_ms(place, frames);
             let ratios = compared_ms.map(|ms| fixed_ms / ms);
-            let mut row = vec![world.name.clone(), served.to_string(), names[fixed].to_owned()];
+            let mut row = vec![world.world.clone(), served.to_string(), names[fixed].to_owned()];
             row.push(format!("{:.1}", fixed_ms / 1e3));
             row.extend(ratios.iter().map(|ratio| format!("{ratio:.3}")));
             row.push(world.asked[place].to_string());
@@ -410,9 +436,6 @@ fn print(tables: &[Table], names: &[&str], frames: u32) {
 
 /// Plays sessions in all worlds, and prints what they took.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
-    if arguments.rounds < 2 || arguments.worlds.is_empty() {
-        return Err("--lever sessions wants a world and two rounds at least".into());
-    }
     let premises = |builds_each_frame| Premises { builds_each_frame, ..Premises::all() };
     let begins_cheap = Objective::Auto(1).begins_with_cheap_builds();
     let space = Arc::new(TuningSpace::new(Preset::Full, &premises(begins_cheap)));
@@ -424,18 +447,28 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     names.push("good");
     let stills = TuningSpace::new(Preset::Full, &premises(false));
     common.push(space.complete(&stills.default_configuration())?);
-    let policy = DecidedPolicy {
-        trials_per_state: arguments.trials,
-        weigh_gain: arguments.weigh_gain,
-        ..DecidedPolicy::default()
-    };
+    let &Arguments { rounds, width, session_frames, trials, weigh_gain, .. } = arguments;
+    let texts = common.iter().map(ToString::to_string);
+    let structures = names.iter().map(|name| (*name).to_owned()).zip(texts).collect();
+    let sessions = SERVED;
+    let conduct = Conduct { sessions, rounds, width, session_frames, trials, weigh_gain, structures };
+    let policy = DecidedPolicy { trials_per_state: trials, weigh_gain, ..DecidedPolicy::default() };
     let study = specification(&space, Objective::Auto(1), Policy::new())?.with_policy(policy);
     let mut tuner = Tuner::new(Arc::new(study))?;
-    let mut tables = Vec::new();
+    let mut tables = record::measured_before(arguments, &conduct, |table: &Table| table.world.as_str())?;
     for written in &arguments.worlds {
-        let world = world(written, arguments.frames)?;
-        tables.push(measured(world, &mut tuner, &common, (&space, arguments))?);
+        if tables.iter().any(|table| table.world == written.name()) {
+            continue;
+        }
+        let world = written.load(arguments.frames, width)?;
+        let table = measured(world, &mut tuner, &common, (&space, arguments))?;
+        record::keep(arguments, &table)?;
+        print_world(&table, session_frames);
+        tables.push(table);
     }
-    print(&tables, &names, arguments.session_frames);
+    if tables.is_empty() {
+        return Err("--lever sessions wants a world".into());
+    }
+    print(&tables, &names, session_frames);
     Ok(())
 }
