@@ -21,8 +21,13 @@ use crate::space::Choice;
 /// The period of structures that are never rebuilt: longer than any episode.
 pub const NEVER: u32 = EPISODE_FRAMES_MAX;
 
-/// A structure is rebuilt before its period ends once frames cost this factor of the first after its build.
+/// A structure is rebuilt before its period ends once a frame costs this factor of the first after its build,
+/// and the frame before was dear as well: a single one may have been disturbed.
 const DECAY_MOST: f64 = 2.0;
+
+/// Frames are dear from this factor on. It is low, so that fast decay is seen in time: where each frame costs
+/// up to 1.7 times the one before, the mean stays below [`DECAY_MOST`].
+const DECAY_DEAR: f64 = 1.25;
 
 /// The age and decay of a structure since its build, which decide when it is rebuilt.
 #[derive(Clone, Copy, Debug, Default)]
@@ -31,16 +36,18 @@ pub struct Wear {
     age: u32,
     /// The frame after the build, in milliseconds.
     fresh_ms: Option<f64>,
-    /// The number of frames one after the other that were too dear.
-    decayed: u32,
+    /// Whether the last frame was dear.
+    is_dear: bool,
+    /// Whether it was too dear, after another dear one.
+    is_worn: bool,
 }
 
 impl Wear {
     /// Counts a frame in which the structure has to follow. Returns whether it is to be rebuilt, because its
-    /// `period` is over or two frames in a row were too dear; the count then begins again.
+    /// `period` is over or it has decayed; the count then begins again.
     pub fn is_over(&mut self, period: u32) -> bool {
         self.age += 1;
-        let is_over = period < NEVER && self.age >= period || self.decayed > 1;
+        let is_over = period < NEVER && self.age >= period || self.is_worn;
         if is_over {
             *self = Self::default();
         }
@@ -50,7 +57,8 @@ impl Wear {
     /// Takes note of what a frame took, the structure's following left out.
     pub fn rendered(&mut self, render_ms: f64) {
         let fresh_ms = *self.fresh_ms.get_or_insert(render_ms);
-        self.decayed = if render_ms > DECAY_MOST * fresh_ms { self.decayed + 1 } else { 0 };
+        self.is_worn = self.is_dear && render_ms > DECAY_MOST * fresh_ms;
+        self.is_dear = render_ms > DECAY_DEAR * fresh_ms;
     }
 }
 
@@ -382,9 +390,26 @@ mod tests {
         assert_eq!(over(2, &[1.0; 5]), [false, true, false, true, false]);
         assert!(!over(NEVER, &[1.0; 500]).contains(&true));
         // One slow frame is nothing, two are; a fresh structure has a price of its own.
-        let decaying = [1.0, 1.9, 2.1, 1.0, 2.1, 2.1, 3.0, 3.0, 3.0];
+        let decaying = [1.0, 1.2, 2.1, 1.0, 1.9, 2.1, 3.0, 3.0, 3.0];
         let built = over(NEVER, &decaying).iter().position(|is_over| *is_over);
         assert_eq!((built, over(NEVER, &decaying).iter().filter(|one| **one).count()), (Some(6), 1));
+    }
+
+    #[test]
+    fn a_structure_that_decays_is_left_before_it_costs_twice_a_fresh_one() {
+        for growth in [1.01, 1.03, 1.1, 1.2, 1.4, 1.7] {
+            let (mut wear, mut frame_ms, mut sum_ms) = (Wear::default(), 1.0, 0.0);
+            for _ in 0..EPISODE_FRAMES_MAX {
+                if wear.is_over(NEVER) {
+                    frame_ms = 1.0;
+                }
+                wear.rendered(frame_ms);
+                sum_ms += frame_ms;
+                frame_ms *= growth;
+            }
+            let mean_ms = sum_ms / f64::from(EPISODE_FRAMES_MAX);
+            assert!(mean_ms < DECAY_MOST, "{growth}: {mean_ms}");
+        }
     }
 
     #[test]
