@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use treewright_render_cli::arguments::SceneArguments;
 use treewright_render_cli::error::CliError;
-use treewright_renderer::limits::SIZE_MAX;
+use treewright_renderer::limits::{EPISODE_TRIANGLES_MAX, SIZE_MAX};
 use treewright_scene::Scene;
 use treewright_scene::limits::DETAIL_RANGE;
 use treewright_scene::motion::Motion;
@@ -104,9 +104,21 @@ impl WrittenWorld {
     /// Loads the first and the last moment of an episode of `frames` frames, and drops them.
     ///
     /// # Errors
-    /// As [`WrittenWorld::load`].
+    /// As [`WrittenWorld::load`], or its moments would not fit into memory together.
     pub fn check(&self, frames: u32) -> Result<(), CliError> {
-        self.moments(&[0, frames.saturating_sub(1)], frames).map(drop)
+        let moments = self.moments(&[0, frames.saturating_sub(1)], frames)?;
+        let kept = |scene: &Scene| {
+            scene.triangles.len() + scene.instances.as_ref().map_or(0, |instances| instances.placed().len())
+        };
+        let most = moments.iter().map(|scene| kept(scene)).max().unwrap_or(0);
+        if self.is_moving() && most.saturating_mul(frames as usize) > EPISODE_TRIANGLES_MAX {
+            return Err(CliError::Failed(format!(
+                "{}: {frames} frames of {most} triangles and instances are more than the {EPISODE_TRIANGLES_MAX} \
+                 that are kept at once; ask for fewer frames",
+                self.name
+            )));
+        }
+        Ok(())
     }
 
     /// Loads it, with an episode of `frames` frames where it moves. Pictures are `width` wide, unless it says

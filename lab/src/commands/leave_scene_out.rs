@@ -230,6 +230,8 @@ fn print(rows: &[Row]) {
             let of_roofline = own.iter().filter_map(|row| row.of_roofline.get(&frames).copied());
             line(after("the fastest that ran"), of_roofline.collect());
         }
+        let ceilings = own.iter().filter_map(|row| row.ceiling());
+        line("the fastest that ran over the best fixed of the others".to_owned(), ceilings.collect());
         println!("{table}");
         if let Some(words) = dear_frames(&own) {
             println!("{words}");

@@ -160,6 +160,16 @@ pub(crate) struct Row {
     pub(crate) safety: Option<Safety>,
 }
 
+impl Row {
+    /// Speed of the best configuration in these rounds over the best fixed one of the other scenes: the most
+    /// that choosing by scene can win. `None` where one of them was not measured.
+    pub(crate) fn ceiling(&self) -> Option<f64> {
+        let [.., fixed_ms, answer_ms] = self.frame_ms;
+        let (_, of_roofline) = self.of_roofline.last_key_value()?;
+        Some(fixed_ms / (of_roofline * answer_ms)).filter(|ceiling| ceiling.is_finite())
+    }
+}
+
 /// Every final run of rounds as a row.
 pub(crate) fn rows(book: &Book, objectives: &[Objective]) -> Vec<Row> {
     let mut all = Vec::new();
@@ -359,6 +369,8 @@ mod tests {
         assert!((at(&all[0].over_fixed, 1) - 50.0 / 55.0).abs() < 1e-9);
         assert!((at(&all[0].over_used_well, 60) - 1.5).abs() < 1e-9);
         assert!((all[0].of_roofline[&60] - 39.0 / 40.0).abs() < 1e-9);
+        let ceiling = all[0].ceiling().expect("both ran");
+        assert!((ceiling - 50.0 / 39.0).abs() < 1e-9, "{ceiling}");
         assert_eq!(all[0].safety, None, "no search was recorded");
         let overall = Overall::of([1.0, 4.0].into_iter());
         assert_eq!((overall.median, overall.least, overall.mean), (2.5, 1.0, 2.0));
