@@ -20,6 +20,36 @@ pub const COLUMNS: [&str; 4] = [
     "own over the untuned",
 ];
 
+/// Parameters of the space `light`, and values of each that are tried while all others stay as recommended.
+/// What the shares give counts only where nothing is learnt about them.
+pub const EACH_OF_LIGHT: &[(&str, &[&str])] = &[
+    ("candidates", &["candidates=2", "candidates=4", "candidates=8", "candidates=16"]),
+    ("lamps", &["lamps=learnt"]),
+    ("lamp_weight", &["lamp_weight=2.0", "lamp_weight=4.0", "lamp_weight=16.0"]),
+    ("sun_share", &["shares=fixed,sun_share=0.2", "shares=fixed,sun_share=0.8"]),
+    ("sky", &["sky=plain"]),
+    ("shares", &["shares=fixed"]),
+    ("sky_share", &["shares=fixed,sky_share=0.1", "shares=fixed,sky_share=0.6"]),
+    ("first_shadow_rays", &["first_shadow_rays=2", "first_shadow_rays=4"]),
+    ("shadow_roulette", &["shadow_roulette=0.0", "shadow_roulette=0.1", "shadow_roulette=0.4"]),
+    ("path_roulette", &["path_roulette=0.0", "path_roulette=0.1", "path_roulette=0.5"]),
+];
+
+/// As [`EACH_OF_LIGHT`], of the space `follow`.
+pub const EACH_OF_FOLLOW: &[(&str, &[&str])] = &[
+    ("tree", &["tree=middle", "tree=good", "tree=native_low", "tree=native_medium"]),
+    ("period", &["period=1", "period=4", "period=16"]),
+    ("repair_above", &["repair_above=1.02", "repair_above=1.3", "repair_above=2.0", "repair_above=4.0"]),
+];
+
+/// The name of a way that changes one parameter alone: `candidates: candidates=2`.
+pub fn named_by_lever(lever: &str, text: &str) -> String {
+    format!("{lever}{OF_LEVER}{text}")
+}
+
+/// Between a parameter's name and its value.
+const OF_LEVER: &str = ": ";
+
 /// A way in a world.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct WayTimes {
@@ -95,6 +125,32 @@ impl Ways<'_> {
         }
     }
 
+    /// The parameters that some ways change alone, in the order of the ways.
+    pub fn levers(&self) -> Vec<&str> {
+        let names = self.names.iter().filter_map(|name| Some(name.split_once(OF_LEVER)?.0));
+        let mut levers: Vec<&str> = names.collect();
+        levers.dedup();
+        levers
+    }
+
+    /// The gains in each world where nothing but this parameter is chosen. The recommended way is one of its
+    /// values, and counts as the untuned one.
+    pub fn gains_of(&self, lever: &str) -> Vec<Gains> {
+        let is_value =
+            |way: &usize| self.names[*way].strip_prefix(lever).is_some_and(|rest| rest.starts_with(OF_LEVER));
+        let values = (0..self.names.len()).filter(is_value);
+        let kept: Vec<usize> = [RECOMMENDED; 2].into_iter().chain(values).collect();
+        let names: Vec<String> = kept.iter().map(|way| self.names[*way].clone()).collect();
+        let row = |row: &WorldRow| WorldRow {
+            world: row.world.clone(),
+            scene: row.scene.clone(),
+            ways: kept.iter().map(|way| row.ways[*way].clone()).collect(),
+        };
+        let rows: Vec<WorldRow> = self.rows.iter().map(row).collect();
+        let ways = Ways { names: &names, rows: &rows, are_winners: false };
+        (0..rows.len()).map(|world| ways.gains(world)).collect()
+    }
+
     /// The way that is the fastest in a world, by half of its rounds.
     fn best(&self, of: usize, half: usize) -> usize {
         let times = &self.rows[of].ways;
@@ -149,6 +205,8 @@ pub fn geometric_mean(values: &[f64]) -> f64 {
 
 #[cfg(test)]
 mod tests {
+    use treewright_renderer::space::{Premises, Preset, TuningSpace, parse};
+
     use super::*;
 
     fn row(scene: &str, costs_ms: &[&[f64]]) -> WorldRow {
@@ -200,6 +258,36 @@ mod tests {
         let ways = Ways { names: &names, rows: &rows, are_winners: true };
         assert_eq!(ways.gains(0).fixed, "untuned");
         assert!(is_of("hall", "hall") && is_of("hall-sway-1", "hall") && !is_of("hallway", "hall"));
+    }
+
+    #[test]
+    fn a_lever_alone_is_chosen_among_its_own_values() {
+        let names = names(["tree: tree=good", "period: period=1"]);
+        let rows = rows();
+        let ways = Ways { names: &names, rows: &rows, are_winners: false };
+        assert_eq!(ways.levers(), ["tree", "period"]);
+        // The good tree is the best in the hall alone: nobody would have chosen it for the city.
+        let tree = ways.gains_of("tree");
+        agree(&tree[0], "tree: tree=good", "recommended", [2.0, 2.0, 2.0, 2.0]);
+        agree(&tree[1], "recommended", "tree: tree=good", [4.0, 4.0, 1.0, 1.0]);
+        let period = ways.gains_of("period");
+        agree(&period[0], "period: period=1", "period: period=1", [1.0; 4]);
+        assert_eq!(period[1].fixed, "period: period=1", "it is level with the recommended one in the hall");
+    }
+
+    #[test]
+    fn each_value_is_a_way_of_its_own_in_its_space() {
+        for (preset, levers) in [(Preset::Light, EACH_OF_LIGHT), (Preset::Follow, EACH_OF_FOLLOW)] {
+            let space = TuningSpace::new(preset, &Premises::all());
+            let mut known = vec![space.default_choice()];
+            for text in levers.iter().flat_map(|(_, texts)| *texts) {
+                let choice = space.choice(&parse(text).expect(text)).expect(text);
+                assert!(!known.contains(&choice), "{text} is there already");
+                known.push(choice);
+            }
+            let parameters = space.space().parameters().iter().map(|parameter| parameter.name.as_str());
+            assert!(parameters.eq(levers.iter().map(|(lever, _)| *lever)), "{levers:?}");
+        }
     }
 
     #[test]

@@ -3,16 +3,18 @@
 //! some frames, by the time of whole sessions (see `sessions`).
 //!
 //! `cargo run --release -p treewright-lab --example levers -- --lever light|follow|sessions [--rounds N]
-//! [--width N] [--frames N] [--winners FOLDER] [--session-frames N] [--trials N] [--weigh-gain]
+//! [--width N] [--frames N] [--each] [--winners FOLDER] [--session-frames N] [--trials N] [--weigh-gain]
 //! [--record FILE] [--add FILE]... WORLD...`
 //! A world is a file or `builtin:NAME`; for `follow` a motion (`itself` for scenes that move by themselves)
 //! and cycles in an episode stand behind it, as in `builtin:city@sway@0.25`. Pictures of another width and
 //! another number of triangles are worlds of their own: `builtin:city@sway@0.25@160px@x0.5`. All are loaded
 //! once before anything is measured, so that a wrong name does not end a long run.
 //!
-//! Without winners a few ways to follow are compared. With a folder of files that `treewright-render tune
-//! --objective error|motion --json` wrote, named like the worlds (`city-sway-0.25.json`), every winner runs
-//! in every world, and each is compared with the one way that is best in all worlds of other scenes.
+//! Without winners a few ways to follow are compared. With `--each` one parameter at a time is changed from
+//! the recommended way, and a second table has what each is worth alone. With a folder of files that
+//! `treewright-render tune --objective error|motion --json` wrote, named like the worlds
+//! (`city-sway-0.25.json`), every winner runs in every world, and each is compared with the one way that is
+//! best in all worlds of other scenes.
 //!
 //! A campaign can be split, and goes on where it was broken off. Each world's rows are printed, and written
 //! to `--record`, as soon as they are there. Worlds that this file or one of `--add` holds are not measured
@@ -28,7 +30,9 @@ use std::sync::Arc;
 use clap::{Parser, ValueEnum};
 use serde::{Deserialize, Serialize};
 use treewright_lab::converge::bootstrap::{in_words, interval};
-use treewright_lab::ways::{COLUMNS, Gains, WayTimes, Ways, WorldRow, geometric_mean};
+use treewright_lab::ways::{
+    COLUMNS, EACH_OF_FOLLOW, EACH_OF_LIGHT, Gains, WayTimes, Ways, WorldRow, geometric_mean, named_by_lever,
+};
 use treewright_lab::worlds::{WIDTH_MIN, World, WrittenWorld};
 use treewright_render_cli::arguments::read_configuration;
 use treewright_render_cli::output;
@@ -83,8 +87,11 @@ struct Arguments {
     /// Frames of an episode.
     #[arg(long, default_value_t = 24, value_parser = clap::value_parser!(u32).range(2..=i64::from(EPISODE_FRAMES_MAX)))]
     frames: u32,
-    /// Folder of the results of `treewright-render tune --json`, named like the worlds.
+    /// Changes one parameter at a time.
     #[arg(long)]
+    each: bool,
+    /// Folder of the results of `treewright-render tune --json`, named like the worlds.
+    #[arg(long, conflicts_with = "each")]
     winners: Option<PathBuf>,
     /// Frames of a session, for `sessions`.
     #[arg(long, default_value_t = 1024, value_parser = clap::value_parser!(u32).range(1..=100_000))]
@@ -147,8 +154,19 @@ fn ways(arguments: &Arguments, space: &TuningSpace) -> Result<Vec<(String, Choic
         space.choice(&parse("tree=quick,period=1")?)?
     };
     let mut all = vec![("untuned".to_owned(), plain), ("recommended".to_owned(), recommended)];
+    if arguments.each {
+        let levers = if arguments.lever == Lever::Light { EACH_OF_LIGHT } else { EACH_OF_FOLLOW };
+        for (lever, texts) in levers {
+            for text in *texts {
+                all.push((named_by_lever(lever, text), space.choice(&parse(text)?)?));
+            }
+        }
+        return Ok(all);
+    }
     match &arguments.winners {
-        None if arguments.lever == Lever::Light => return Err("--lever light wants --winners".into()),
+        None if arguments.lever == Lever::Light => {
+            return Err("--lever light wants --winners or --each".into());
+        }
         None => {
             for (name, text) in FOLLOW {
                 all.push((name.to_owned(), space.choice(&parse(text)?)?));
@@ -264,6 +282,26 @@ fn print(ways: &Ways) {
     }
 }
 
+/// A line for each parameter that was changed alone: what choosing its value for each world gains over the
+/// one value that is best in the worlds of other scenes.
+fn print_levers(ways: &Ways) {
+    let mut table =
+        output::table(&["parameter alone", "median", "at most", "least", "values that are best somewhere"]);
+    for lever in ways.levers() {
+        let gains = ways.gains_of(lever);
+        let values: Vec<f64> = gains.iter().map(|gains| gains.ratios[0]).collect();
+        let most = values.iter().copied().fold(0.0, f64::max);
+        let least = values.iter().copied().fold(f64::INFINITY, f64::min);
+        let best: BTreeSet<&str> = gains.iter().map(|gains| gains.own.as_str()).collect();
+        let ratios = [Summary::of(&values).median, most, least].map(|ratio| format!("{ratio:.3}"));
+        let mut cells = vec![lever.to_owned()];
+        cells.extend(ratios);
+        cells.push(best.len().to_string());
+        table.add_row(cells);
+    }
+    println!("{table}");
+}
+
 /// Compares ways to sample light, or to follow motion, in all worlds.
 fn compare(arguments: &Arguments) -> Result<(), Failure> {
     let preset = if arguments.lever == Lever::Light { Preset::Light } else { Preset::Follow };
@@ -287,7 +325,11 @@ fn compare(arguments: &Arguments) -> Result<(), Failure> {
         rows.push(row);
     }
     let names: Vec<String> = campaign.ways.into_iter().map(|(name, _)| name).collect();
-    print(&Ways { names: &names, rows: &rows, are_winners: arguments.winners.is_some() });
+    let ways = Ways { names: &names, rows: &rows, are_winners: arguments.winners.is_some() };
+    print(&ways);
+    if arguments.each {
+        print_levers(&ways);
+    }
     Ok(())
 }
 
