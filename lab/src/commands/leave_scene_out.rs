@@ -67,6 +67,10 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "THREADS@WIDTHxHEIGHT", default_value = "2@320x240")]
     context: Context,
 
+    /// Only this objective. Default: both.
+    #[arg(long, value_parser = Objective::ALL.map(Objective::name))]
+    objective: Option<String>,
+
     /// Rounds of candidates.
     #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..=i64::from(ROUNDS_MAX)))]
     rounds: u32,
@@ -108,7 +112,9 @@ fn measure(arguments: &Arguments, open: &mut OpenBook) -> Result<(), CliError> {
     for step in Step::ALL {
         for entry in &entries {
             let name = |objective| key(step.kind(), objective, &entry.name, &context.to_string());
-            let is_missing = |objective: &Objective| !is_taken(&open.book, step, &name(*objective));
+            let is_wanted =
+                |one: &Objective| arguments.objective.as_ref().is_none_or(|name| name == one.name());
+            let is_missing = |one: &Objective| is_wanted(one) && !is_taken(&open.book, step, &name(*one));
             let missing: Vec<Objective> = Objective::ALL.into_iter().filter(is_missing).collect();
             if missing.is_empty() {
                 continue;
