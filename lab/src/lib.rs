@@ -11,7 +11,7 @@
 //! | `sessions` | the sums of builds and frames of sessions in which a tree serves some frames |
 //! | `simulated` | parts of the studies of examples and tests |
 //! | `ways` | ways to do one thing in many worlds: each world's best beside the best of other scenes |
-//! | `worlds` | a scene, its motion and the size of its pictures in one word |
+//! | `worlds` | a scene, its motion, the size of its pictures and the threads in one word |
 //! | `commands` | the program `treewright-lab`: these |
 //!
 //! The example `gate` compares searches and answers of the tuner, without a renderer, with recorded figures

@@ -1,4 +1,5 @@
-//! The worlds of a measurement, each written in one word: a scene, its motion, and the size of its pictures.
+//! The worlds of a measurement, each written in one word: a scene, its motion, the size of its pictures, and
+//! the number of threads.
 
 use std::path::Path;
 use std::str::FromStr;
@@ -6,7 +7,7 @@ use std::sync::Arc;
 
 use treewright_render_cli::arguments::SceneArguments;
 use treewright_render_cli::error::CliError;
-use treewright_renderer::limits::{EPISODE_TRIANGLES_MAX, SIZE_MAX};
+use treewright_renderer::limits::{EPISODE_TRIANGLES_MAX, SIZE_MAX, THREADS_MAX};
 use treewright_scene::Scene;
 use treewright_scene::limits::DETAIL_RANGE;
 use treewright_scene::motion::Motion;
@@ -18,8 +19,9 @@ const CYCLES: f32 = 0.25;
 pub const WIDTH_MIN: u32 = 4;
 
 /// A world as it is written: a scene, a file or `builtin:NAME`. Behind it, each after an `@`, may stand a
-/// motion (`itself` for scenes that move by themselves), the cycles in an episode, the width of pictures, and
-/// the factor for the number of triangles of a built-in scene: `builtin:city@sway@0.25@160px@x0.5`.
+/// motion (`itself` for scenes that move by themselves), the cycles in an episode, the width of pictures, the
+/// number of threads, and the factor for the number of triangles of a built-in scene:
+/// `builtin:city@sway@0.25@160px@1t@x0.5`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct WrittenWorld {
     name: String,
@@ -27,6 +29,7 @@ pub struct WrittenWorld {
     moves: Option<Moves>,
     cycles: f32,
     width: Option<u32>,
+    threads: usize,
     detail: f32,
 }
 
@@ -38,12 +41,14 @@ enum Moves {
 
 /// A scene, and how it moves.
 pub struct World {
-    /// Its name, which distinguishes it from all others: `city-sway-0.25-160px-x0.5`.
+    /// Its name, which distinguishes it from all others: `city-sway-0.25-160px-1t-x0.5`.
     pub name: String,
     /// The name of its scene alone.
     pub scene: String,
     /// Pixels across and down.
     pub size: [u32; 2],
+    /// Threads for building and rendering; 0 for one a core.
+    pub threads: usize,
     /// The scene in each frame of an episode; one where it stands still.
     pub moments: Vec<Arc<Scene>>,
 }
@@ -62,7 +67,8 @@ impl FromStr for WrittenWorld {
         let scene = parts.next().unwrap_or_default().to_owned();
         let words = std::iter::once(stem(&scene)).chain(parts.clone().map(str::to_owned));
         let name = words.collect::<Vec<_>>().join("-");
-        let mut world = Self { name, scene, moves: None, cycles: CYCLES, width: None, detail: 1.0 };
+        let mut world =
+            Self { name, scene, moves: None, cycles: CYCLES, width: None, threads: 0, detail: 1.0 };
         let mut has_cycles = false;
         for part in parts {
             let number = part.parse().ok().filter(|number: &f32| number.is_finite());
@@ -76,6 +82,11 @@ impl FromStr for WrittenWorld {
                 let is_builtin = world.scene.starts_with("builtin:");
                 let wrong = || format!("{part} is no factor of a built-in scene, such as x0.5");
                 world.detail = detail.filter(|_| is_builtin).ok_or_else(wrong)?;
+            } else if let Some(threads) = part.strip_suffix('t').and_then(|count| count.parse().ok()) {
+                if !(1..=THREADS_MAX).contains(&threads) {
+                    return Err(format!("{part} is no number of threads, such as 1t"));
+                }
+                world.threads = threads;
             } else if part == "itself" {
                 world.moves = Some(Moves::Itself);
             } else {
@@ -133,6 +144,7 @@ impl WrittenWorld {
             name: self.name.clone(),
             scene: stem(&self.scene),
             size: [width, width / 4 * 3],
+            threads: self.threads,
             moments: self.moments(&all, frames)?,
         })
     }
@@ -162,11 +174,12 @@ mod tests {
 
     #[test]
     fn a_word_says_scene_motion_cycles_size_and_triangles() {
-        let world = read("builtin:quick@explode@0.5@64px@x0.05");
-        assert_eq!(world.name(), "quick-explode-0.5-64px-x0.05");
+        let world = read("builtin:quick@explode@0.5@64px@1t@x0.05");
+        assert_eq!(world.name(), "quick-explode-0.5-64px-1t-x0.05");
         assert!(world.is_moving() && world.check(3).is_ok());
         let loaded = world.load(3, 320).expect("it is built in");
         assert_eq!((loaded.scene.as_str(), loaded.size, loaded.moments.len()), ("quick", [64, 48], 3));
+        assert_eq!((loaded.threads, read("builtin:quick@twist").threads), (1, 0));
         let still = read("builtin:quick@x0.05");
         assert!(!still.is_moving());
         let still = still.load(24, 160).expect("it is built in");
@@ -182,6 +195,7 @@ mod tests {
             ("builtin:quick@0.25", "cycles want a motion"),
             ("builtin:quick@sway@nan", "no motion nan"),
             ("builtin:quick@2px", "2px is no width"),
+            ("builtin:quick@0t", "0t is no number of threads"),
             ("builtin:quick@x0", "x0 is no factor"),
             ("a.glb@x0.5", "x0.5 is no factor"),
         ] {

@@ -6,9 +6,10 @@
 //! [--width N] [--frames N] [--each] [--winners FOLDER] [--session-frames N] [--trials N] [--weigh-gain]
 //! [--record FILE] [--add FILE]... WORLD...`
 //! A world is a file or `builtin:NAME`; for `follow` a motion (`itself` for scenes that move by themselves)
-//! and cycles in an episode stand behind it, as in `builtin:city@sway@0.25`. Pictures of another width and
-//! another number of triangles are worlds of their own: `builtin:city@sway@0.25@160px@x0.5`. All are loaded
-//! once before anything is measured, so that a wrong name does not end a long run.
+//! and cycles in an episode stand behind it, as in `builtin:city@sway@0.25`. Another width of pictures,
+//! number of threads, or number of triangles makes a world of its own, as in
+//! `builtin:city@sway@0.25@160px@1t@x0.5`. All are loaded once before anything is measured, so that a wrong
+//! name does not end a long run.
 //!
 //! Without winners a few ways to follow are compared. With `--each` one parameter at a time is changed from
 //! the recommended way, and a second table has what each is worth alone. With a folder of files that
@@ -116,6 +117,9 @@ struct Arguments {
 impl Arguments {
     /// That all worlds are there, and move if they have to.
     fn check(&self) -> Result<(), Failure> {
+        if self.lever == Lever::Sessions && (self.each || self.winners.is_some()) {
+            return Err("--lever sessions has structures of its own; leave --each and --winners out".into());
+        }
         let mut names = BTreeSet::new();
         for world in &self.worlds {
             let (name, wants_motion) = (world.name(), self.lever == Lever::Follow);
@@ -210,7 +214,7 @@ fn measured(
     arguments: &Arguments,
 ) -> Result<Vec<Standing>, Failure> {
     let scene = &world.moments[0];
-    let mut renderer = Renderer::new(Arc::clone(scene), 0)?;
+    let mut renderer = Renderer::new(Arc::clone(scene), world.threads)?;
     let (frames_per_build, yardstick) = if arguments.lever == Lever::Light {
         (1000, Yardstick::Noise)
     } else {

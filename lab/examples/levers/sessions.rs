@@ -2,16 +2,18 @@
 //! one fixed structure, with the recommended start, with the service and its search, and what knowing N, or
 //! swapping trees without knowing it, could win.
 //!
-//! The service is the tuner itself in one study of the objective `auto`, with its default policy. It serves
-//! one session after the other, so that later ones profit from earlier ones. Every configuration that it asks
-//! for is built and rendered up to three times; then these measurements serve again in turn, each as a frame.
-//! A session pays for every frame of its search, and for a build whenever the structure is another than those
-//! that were built since the geometry changed. Then all structures that take part run in the same rounds. By
-//! every other round the fixed and the best structures are chosen, by the rest all sessions are added up, so
-//! that nobody is chosen by luck and judged by it. Waiting for the service is left out: answers are asked for
-//! a frame ahead. The service of a run that is split knows less: nothing of worlds that were measured before.
+//! The service is the tuner itself in one study of the objective `auto`, with its default policy, and one for
+//! each number of threads. It serves one session after the other, so that later ones profit from earlier
+//! ones. Every configuration that it asks for is built and rendered up to three times; then these
+//! measurements serve again in turn, each as a frame. A session pays for every frame of its search, and for a
+//! build whenever the structure is another than those that were built since the geometry changed. Then all
+//! structures that take part run in the same rounds. By every other round the fixed and the best structures
+//! are chosen, by the rest all sessions are added up, so that nobody is chosen by luck and judged by it.
+//! Waiting for the service is left out: answers are asked for a frame ahead. The service of a run that is
+//! split knows less: nothing of worlds that were measured before.
 
 use std::collections::BTreeMap;
+use std::collections::btree_map::Entry;
 use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
@@ -163,7 +165,7 @@ impl Stage {
             frames: 1,
             indicators: Indicators::new(),
         };
-        let renderer = Renderer::new(Arc::clone(scene), 0)?;
+        let renderer = Renderer::new(Arc::clone(scene), world.threads)?;
         let mut stage = Self { renderer, setting, film: Film::new(width, height), known: BTreeMap::new() };
         // The first frame of a scene is slower than all others.
         let start = space.default_configuration();
@@ -454,14 +456,19 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let conduct = Conduct { sessions, rounds, width, session_frames, trials, weigh_gain, structures };
     let policy = DecidedPolicy { trials_per_state: trials, weigh_gain, ..DecidedPolicy::default() };
     let study = specification(&space, Objective::Auto(1), Policy::new())?.with_policy(policy);
-    let mut tuner = Tuner::new(Arc::new(study))?;
+    let study = Arc::new(study);
+    let mut tuners = BTreeMap::new();
     let mut tables = record::measured_before(arguments, &conduct, |table: &Table| table.world.as_str())?;
     for written in &arguments.worlds {
         if tables.iter().any(|table| table.world == written.name()) {
             continue;
         }
         let world = written.load(arguments.frames, width)?;
-        let table = measured(world, &mut tuner, &common, (&space, arguments))?;
+        let tuner = match tuners.entry(world.threads) {
+            Entry::Occupied(known) => known.into_mut(),
+            Entry::Vacant(place) => place.insert(Tuner::new(Arc::clone(&study))?),
+        };
+        let table = measured(world, tuner, &common, (&space, arguments))?;
         record::keep(arguments, &table)?;
         print_world(&table, session_frames);
         tables.push(table);
