@@ -6,9 +6,8 @@ use std::sync::Arc;
 
 use glam::DVec3;
 
-use crate::error::BuildError;
 use crate::geometry::{Hit, Intersector, NO_INSTANCE, Ray, Triangles};
-use crate::instances::Instances;
+use crate::{error::BuildError, instances::Instances};
 
 /// No structure at all.
 #[derive(Clone, Debug)]

@@ -3,8 +3,7 @@
 //! One shared vertex array and one index array serve every back end: positions are 16 bytes apart
 //! because Embree reads 16 bytes a vertex from shared buffers.
 
-use std::ops::Range;
-use std::sync::Arc;
+use std::{ops::Range, sync::Arc};
 
 use glam::Vec3A;
 

@@ -3,14 +3,12 @@
 //! An object is a run of triangles in its own space; an instance places one in the world. A hit names the
 //! triangle (its number among all triangles) and the instance it was met in.
 
-use std::ops::Range;
-use std::sync::Arc;
+use std::{ops::Range, sync::Arc};
 
 use glam::Affine3A;
 
-use crate::error::BuildError;
 use crate::geometry::{Ray, Triangles};
-use crate::limits::INSTANCES_MAX;
+use crate::{error::BuildError, limits::INSTANCES_MAX};
 
 /// Objects and their instances over one set of triangles. Immutable and checked once.
 #[derive(Clone, Debug)]

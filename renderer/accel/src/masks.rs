@@ -9,9 +9,8 @@ use std::sync::Arc;
 
 use glam::{Vec2, Vec3, Vec3A};
 
-use crate::error::GeometryError;
 use crate::limits::{MASK_EDGE_MAX, MASKS_MAX};
-use crate::rays::Ray;
+use crate::{error::GeometryError, rays::Ray};
 
 /// The continuation of an image beyond its edges. Texture coordinates 0 to 1 span the image.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]

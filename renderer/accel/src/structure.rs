@@ -4,13 +4,11 @@ use std::sync::Arc;
 
 use serde::Serialize;
 
-use crate::brute_force::BruteForce;
 use crate::embree::{Device, NativeInstances, NativeScene};
-use crate::error::BuildError;
 use crate::geometry::{Hit, Intersector, Packets, Ray, Triangles};
-use crate::instances::Instances;
 use crate::parameters::{BuildChoice, NativeOptions, TreeParameters, Update};
 use crate::tree::{Tree, TreeStatistics, TwoLevel};
+use crate::{brute_force::BruteForce, error::BuildError, instances::Instances};
 
 /// A built acceleration structure. Each variant is an [`Intersector`] of its own; [`Structure::visit`]
 /// runs code that is compiled once per variant.

@@ -1,7 +1,6 @@
 //! Every structure over a scene of instances gives the answers of the flattened scene.
 
-use std::ops::Range;
-use std::sync::Arc;
+use std::{ops::Range, sync::Arc};
 
 use glam::{Affine3A, Mat3, Quat, Vec3, Vec3A};
 use rand::RngExt;

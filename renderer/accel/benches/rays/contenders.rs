@@ -1,10 +1,8 @@
 //! The contenders: native Embree, the tunable tree, and peers from the registry.
 
-use std::error::Error;
-use std::sync::Arc;
+use std::{error::Error, sync::Arc};
 
-use obvhs::bvh2::Bvh2;
-use obvhs::cwbvh::CwBvh;
+use obvhs::{bvh2::Bvh2, cwbvh::CwBvh};
 use treewright_accel::recording::{RayClass, RaySet, Recording};
 use treewright_accel::{
     BuildChoice, BuildError, Builder, Collapse, Device, Intersector, NativeOptions, NativeQuality, Quality,

@@ -16,14 +16,11 @@ mod overview;
 mod peers;
 mod tinybvh;
 
-use std::error::Error;
-use std::fs::File;
-use std::io::BufReader;
 use std::path::{Path, PathBuf};
+use std::{error::Error, fs::File, io::BufReader};
 
 use clap::Parser;
-use treewright_accel::recording::Recording;
-use treewright_accel::{Device, Isa, set_flush_denormals};
+use treewright_accel::{Device, Isa, recording::Recording, set_flush_denormals};
 
 use overview::Scene;
 

@@ -1,8 +1,6 @@
 //! Interleaved rounds of tracing, on a number of threads.
 
-use std::error::Error;
-use std::hint::black_box;
-use std::time::Instant;
+use std::{error::Error, hint::black_box, time::Instant};
 
 use rayon::ThreadPool;
 use rayon::prelude::*;

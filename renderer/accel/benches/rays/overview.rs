@@ -5,8 +5,7 @@
 //! fastest in each scene and class counts: the best available choice.
 
 use comfy_table::{CellAlignment, LineStyle, Table, presets};
-use treewright_accel::Visits;
-use treewright_accel::recording::RayClass;
+use treewright_accel::{Visits, recording::RayClass};
 
 use crate::contenders::{Maker, RECOMMENDED};
 use crate::measure::{Speed, median};

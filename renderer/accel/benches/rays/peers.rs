@@ -4,13 +4,10 @@
 use std::time::Duration;
 
 use glam::Vec3A;
-use obvhs::BvhBuildParams;
-use obvhs::bvh2::Bvh2;
-use obvhs::bvh2::builder::build_bvh2_from_tris;
-use obvhs::cwbvh::CwBvh;
-use obvhs::cwbvh::builder::build_cwbvh_from_tris;
-use obvhs::ray::RayHit;
-use obvhs::triangle::Triangle;
+use obvhs::{
+    BvhBuildParams, bvh2::Bvh2, bvh2::builder::build_bvh2_from_tris, cwbvh::CwBvh,
+    cwbvh::builder::build_cwbvh_from_tris, ray::RayHit, triangle::Triangle,
+};
 use treewright_accel::{Hit, Intersector, NO_INSTANCE, Ray, Triangles};
 
 /// Trees of the crate `obvhs` over triangles in the order of its leaves.

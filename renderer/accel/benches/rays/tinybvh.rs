@@ -5,9 +5,8 @@
 //! is compiled for AVX2. Hence a few lines of C++ of our own, loaded from the file that `TREEWRIGHT_TINYBVH`
 //! names.
 
-use std::error::Error;
 use std::ffi::{c_int, c_void};
-use std::sync::Arc;
+use std::{error::Error, sync::Arc};
 
 use libloading::Library;
 use treewright_accel::{Hit, Intersector, NO_INSTANCE, Packets, Ray, Triangles};

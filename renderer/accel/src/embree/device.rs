@@ -8,17 +8,15 @@
 //! code alone says little ("unknown error" is also "depth limit reached"). The text comes through the error
 //! callback, which Embree runs on the thread that made the call. So it is kept per thread as well.
 
-use std::cell::RefCell;
 use std::ffi::{CStr, CString, c_char, c_uint, c_void};
-use std::panic::catch_unwind;
 use std::sync::atomic::{AtomicIsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
+use std::{cell::RefCell, panic::catch_unwind};
 
 use super::ffi;
 use crate::error::{BuildError, EmbreeFailure};
 use crate::limits::{DEVICES_MAX, EMBREE_SERIES, THREADS_MAX};
-use crate::native_options::NativeOptions;
-use crate::traverse::Isa;
+use crate::{native_options::NativeOptions, traverse::Isa};
 
 /// Why there is no device.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]

@@ -7,13 +7,11 @@ use std::sync::Arc;
 
 use glam::Affine3A;
 
-use super::device::Device;
-use super::ffi;
 use super::native::{NativeScene, SceneHandle, commit, failure, new_scene};
-use crate::error::BuildError;
+use super::{device::Device, ffi};
 use crate::geometry::{Hit, Intersector, Packets, Ray, Triangles};
-use crate::instances::Instances;
 use crate::parameters::{NativeOptions, Update};
+use crate::{error::BuildError, instances::Instances};
 
 /// Native Embree scenes under a scene of their instances.
 #[derive(Debug)]

@@ -3,13 +3,9 @@
 //! One triangle geometry shares our vertex and index arrays. Its geometry number is 0, so a hit's
 //! primitive number is the triangle's number.
 
-use std::ptr;
-use std::sync::Arc;
+use std::{ptr, sync::Arc};
 
-use super::device::Device;
-use super::ffi;
-use super::filter::set_masks;
-use super::packets;
+use super::{device::Device, ffi, filter::set_masks, packets};
 use crate::error::{BuildError, EmbreeFailure};
 use crate::geometry::{Hit, Intersector, Packets, Ray, Triangles};
 use crate::parameters::{NativeOptions, NativeQuality, Update};

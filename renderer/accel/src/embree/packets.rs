@@ -5,8 +5,7 @@
 //! way: on camera rays and first shadow rays it doubles the speed and more, on scattered rays it halves it.
 //! Without it Embree follows each ray on its own once they part.
 
-use std::ffi::c_int;
-use std::ptr;
+use std::{ffi::c_int, ptr};
 
 use super::ffi::{self, ActiveRays, HitPacket, RayHitPacket, RayPacket};
 use crate::geometry::{Hit, Ray};

@@ -22,9 +22,7 @@ pub(crate) use part::PlacedPart;
 
 use std::sync::Arc;
 
-use crate::geometry::Triangles;
-use crate::limits::LEAF_SIZE_MAX;
-use crate::prefetch::prefetch_line;
+use crate::{geometry::Triangles, limits::LEAF_SIZE_MAX, prefetch::prefetch_line};
 
 /// Most children a node.
 pub(crate) const WIDTH_MAX: usize = 16;

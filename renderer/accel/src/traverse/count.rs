@@ -5,17 +5,14 @@
 //! Laine, "On Quality Metrics of Bounding Volume Hierarchies", 2013) and, unlike times, repeat to the last
 //! digit.
 
-use std::cell::Cell;
-use std::marker::PhantomData;
-use std::ops::AddAssign;
+use std::{cell::Cell, marker::PhantomData, ops::AddAssign};
 
 use serde::Serialize;
 
 use super::boxes::{Boxes, FastBoxes, PaddedBoxes, Planes};
-use super::kernel;
 use super::lanes::{Order, Portable};
 use super::triangles::{BlockLeaves, Blocks, FastBlocks};
-use super::watertight::WatertightBlocks;
+use super::{kernel, watertight::WatertightBlocks};
 use crate::geometry::{Hit, Ray, Triangles};
 use crate::layout::{Block, Node, Root};
 use crate::parameters::TreeParameters;

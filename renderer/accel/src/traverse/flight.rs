@@ -9,8 +9,7 @@
 
 #![allow(unsafe_op_in_unsafe_fn, reason = "each operation is unsafe for the one reason that `Lanes` states")]
 
-use std::marker::PhantomData;
-use std::mem::MaybeUninit;
+use std::{marker::PhantomData, mem::MaybeUninit};
 
 use super::boxes::Boxes;
 use super::kernel::{self, Leaves};

@@ -12,9 +12,8 @@
 
 #![allow(unsafe_op_in_unsafe_fn, reason = "each operation is unsafe for the one reason that `Lanes` states")]
 
-use super::boxes::Boxes;
-use super::lanes::Order;
 use super::stack::{PlainStack, Stack};
+use super::{boxes::Boxes, lanes::Order};
 use crate::geometry::{Hit, Ray};
 use crate::layout::{NodeRef, Root, TreeNode};
 

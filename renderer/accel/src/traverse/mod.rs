@@ -22,9 +22,8 @@ mod watertight;
 pub use count::Visits;
 pub use isa::{Isa, Work};
 
-use self::lanes::Stored;
 use self::packet::bundle::{Bundle, Hits};
-use self::placed::Lower;
+use self::{lanes::Stored, placed::Lower};
 use crate::geometry::{Hit, Packets, Ray};
 use crate::layout::{NodeRef, Root};
 use crate::rays::one_by_one;

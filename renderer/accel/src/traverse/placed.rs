@@ -8,11 +8,9 @@
 
 use std::marker::PhantomData;
 
-use super::kernel::Leaves;
 use super::lanes::{Lanes, Stored};
-use super::packet::PacketLeaves;
 use super::packet::bundle::{Bundle, Hits, each_lane};
-use super::{Kernels, LevelClosest, LevelOccluded};
+use super::{Kernels, LevelClosest, LevelOccluded, kernel::Leaves, packet::PacketLeaves};
 use crate::geometry::{Hit, NO_TRIANGLE, Ray};
 use crate::layout::{NodeRef, PlacedPart, Root};
 

@@ -11,24 +11,17 @@
 use std::sync::Arc;
 
 use super::binary::{BinaryTree, halved};
-use super::callbacks;
-use super::collapse::collapse;
-use super::emit::emit;
 use super::grow::{Callbacks, EmbreeMemory, grow, references};
-use super::occlusion::sort_children;
-use super::plan::Plan;
-use super::ploc::Ploc;
-use super::reinsertion::optimise;
 use super::sketch::{self, SketchRef, Sketched};
 use super::write::{TriangleBlocks, write};
-use super::{Memory, Tree};
-use crate::embree::Device;
-use crate::error::BuildError;
-use crate::geometry::Triangles;
+use super::{
+    Memory, Tree, callbacks, collapse::collapse, emit::emit, occlusion::sort_children, plan::Plan,
+    ploc::Ploc, reinsertion::optimise,
+};
 use crate::layout::{Block, Bounds, NodeRef, Root, TreeNode, for_block, for_node};
-use crate::limits::MAX_DEPTH;
 use crate::parameters::{Builder, Collapse, TreeParameters};
 use crate::traverse::{Isa, Kernels};
+use crate::{embree::Device, error::BuildError, geometry::Triangles, limits::MAX_DEPTH};
 
 impl Tree {
     /// Checks the parameters and builds.
@@ -202,9 +195,7 @@ fn bounds_below(node: NodeRef, parameters: &TreeParameters, triangles: &Triangle
 
 #[cfg(test)]
 mod tests {
-    use super::super::binary::tests::boxes;
-    use super::super::ploc::tests::over;
-    use super::super::walk::Met;
+    use super::super::{binary::tests::boxes, ploc::tests::over, walk::Met};
     use super::*;
 
     /// The boxes of all children, node by node.

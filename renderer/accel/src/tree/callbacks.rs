@@ -4,16 +4,13 @@
 //! takes as long as Embree's native one. The functions run on Embree's threads: nothing may unwind out of
 //! them, so a panic is caught, noted and answered with an empty result.
 
-use std::cell::UnsafeCell;
-use std::ffi::c_void;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::{cell::UnsafeCell, ffi::c_void};
 
 use super::split::{Cutter, Piece};
-use crate::embree::ffi;
-use crate::geometry::Triangles;
 use crate::layout::{Block, Bounds, LEAF_BLOCKS_MAX, NodeRef, TreeNode, WIDTH_MAX};
-use crate::traverse::Isa;
+use crate::{embree::ffi, geometry::Triangles, traverse::Isa};
 
 const _: () = {
     // `Piece` stands for both in the split callback.

@@ -1,7 +1,6 @@
 //! Clusters on their way to a tree, and the search for pairs of them.
 
-use crate::layout::Bounds;
-use crate::traverse::Isa;
+use crate::{layout::Bounds, traverse::Isa};
 
 /// Clusters that are looked at together.
 pub(super) const LANES: usize = 16;

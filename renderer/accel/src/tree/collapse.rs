@@ -9,8 +9,7 @@
 
 use super::binary::{BinaryNode, BinaryTree};
 use super::plan::Plan;
-use crate::layout::Bounds;
-use crate::parameters::TreeParameters;
+use crate::{layout::Bounds, parameters::TreeParameters};
 
 /// Fewest leaves of a subtree that is worth a task of its own.
 const LEAVES_PER_TASK: u32 = 4096;
@@ -248,9 +247,8 @@ fn children<const W: usize>(
 mod tests {
     use proptest::prelude::*;
 
-    use super::super::binary::halved;
-    use super::super::binary::tests::boxes;
     use super::super::plan::{Link, Named};
+    use super::super::{binary::halved, binary::tests::boxes};
     use super::*;
     use crate::layout::Bounds;
 

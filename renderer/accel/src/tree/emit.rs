@@ -5,15 +5,10 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use rayon::prelude::*;
 
-use super::arena::Arena;
-use super::clusters::ClusterLink;
 use super::occlusion::{Prospect, area as area_of, order_of};
-use super::ploc::Ploc;
-use crate::error::BuildError;
-use crate::geometry::Triangles;
+use super::{arena::Arena, clusters::ClusterLink, ploc::Ploc};
 use crate::layout::{Block, Bounds, NodeRef, TreeNode, WIDTH_MAX};
-use crate::parameters::TreeParameters;
-use crate::prefetch::prefetch;
+use crate::{error::BuildError, geometry::Triangles, parameters::TreeParameters, prefetch::prefetch};
 
 /// Bytes of a slab: as large as a huge page, or for small trees a share of their largest size.
 const SLAB: usize = 2 << 20;

@@ -8,18 +8,14 @@
 //! * eight levels above `max_depth` the heuristic stops and sets are halved until they fit a leaf; a
 //!   branch that would still pass the limit fails the build.
 
-use std::ffi::c_void;
-use std::sync::atomic::Ordering;
+use std::{ffi::c_void, sync::atomic::Ordering};
 
 use rayon::prelude::*;
 
 use super::callbacks::{Context, split_callback};
 use crate::embree::{Device, ffi};
-use crate::error::BuildError;
-use crate::geometry::Triangles;
-use crate::layout::Bounds;
 use crate::parameters::{Quality, TreeParameters};
-use crate::traverse::Isa;
+use crate::{error::BuildError, geometry::Triangles, layout::Bounds, traverse::Isa};
 
 /// Fewest triangles that are worth a task of their own while references are made.
 const REFERENCES_PER_TASK: usize = 16_384;

@@ -5,20 +5,14 @@ use std::sync::Arc;
 
 use rayon::prelude::*;
 
-use super::Tree;
-use super::arena::Arena;
 use super::build::{plan_over, plan_over_halves};
-use super::outline::Outline;
-use super::plan::Plan;
 use super::write::{Items, write};
-use crate::embree::Device;
-use crate::error::BuildError;
-use crate::instances::Instance;
+use super::{Tree, arena::Arena, outline::Outline, plan::Plan};
 use crate::layout::{Bounds, Node, NodeRef, PlacedPart, Root, TreeNode, for_node};
-use crate::limits::MAX_DEPTH;
 use crate::parameters::{Collapse, TreeParameters};
 use crate::traverse::placed::{Lower, Object};
 use crate::traverse::{Isa, Kernels, LEVEL_WIDTH, LevelKernels};
+use crate::{embree::Device, error::BuildError, instances::Instance, limits::MAX_DEPTH};
 
 /// The upper level and what lies below it. It refers to the objects' trees.
 #[derive(Debug)]

@@ -9,10 +9,7 @@
 use glam::Vec3A;
 use rayon::prelude::*;
 
-use crate::geometry::Triangles;
-use crate::layout::Bounds;
-use crate::limits::TRIANGLES_MAX;
-use crate::memory::wish_for_huge_pages;
+use crate::{geometry::Triangles, layout::Bounds, limits::TRIANGLES_MAX, memory::wish_for_huge_pages};
 
 const NUMBER_BITS: u32 = TRIANGLES_MAX.ilog2();
 

@@ -16,17 +16,12 @@ use std::sync::Arc;
 
 use rayon::prelude::*;
 
-use super::Tree;
-use super::arena::Arena;
-use super::build::plan_over;
 use super::plan::{Named, Plan};
 use super::refit::{Fitted, blocks_of, measure, refit};
-use crate::embree::Device;
-use crate::error::BuildError;
-use crate::geometry::Triangles;
+use super::{Tree, arena::Arena, build::plan_over};
 use crate::layout::{Block, Bounds, NodeRef, TreeNode, WIDTH_MAX, for_block, for_node};
-use crate::limits::MAX_DEPTH;
 use crate::parameters::{TreeParameters, Update};
+use crate::{embree::Device, error::BuildError, geometry::Triangles, limits::MAX_DEPTH};
 
 /// A subtree has at most this share of the triangles.
 const SHARE: usize = 256;

@@ -32,9 +32,7 @@ fn children(plan: &Plan, link: Link) -> &[Child] {
 mod tests {
     use proptest::prelude::*;
 
-    use super::super::binary::halved;
-    use super::super::binary::tests::boxes;
-    use super::super::collapse::collapse;
+    use super::super::{binary::halved, binary::tests::boxes, collapse::collapse};
     use super::*;
     use crate::parameters::TreeParameters;
 

@@ -16,11 +16,9 @@
 use super::binary::{BinaryTree, Opened, Subtree};
 use super::clusters::{self, Cluster, ClusterLink, Clusters, LANES, Nearest, TRIANGLE};
 use super::morton::{self, Key};
-use crate::geometry::Triangles;
 use crate::layout::{Bounds, WIDTH_MAX};
-use crate::memory::wish_for_huge_pages;
 use crate::parameters::{Collapse, TreeParameters};
-use crate::prefetch::prefetch;
+use crate::{geometry::Triangles, memory::wish_for_huge_pages, prefetch::prefetch};
 
 /// Fewest triangles that are worth a task of their own.
 const TRIANGLES_PER_TASK: usize = 4_096;

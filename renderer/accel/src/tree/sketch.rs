@@ -7,8 +7,7 @@
 use std::ffi::c_void;
 
 use super::callbacks::{from_embree, guarded};
-use crate::embree::ffi;
-use crate::layout::Bounds;
+use crate::{embree::ffi, layout::Bounds};
 
 /// A node.
 #[repr(C, align(16))]

@@ -2,8 +2,7 @@
 
 use serde::Serialize;
 
-use super::Tree;
-use super::walk::Met;
+use super::{Tree, walk::Met};
 
 /// Shape and size of a tree.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]

@@ -9,12 +9,10 @@ use std::sync::Arc;
 
 use super::level::{Below, Level, Place};
 use super::{Tree, TreeFault, TreeStatistics};
-use crate::embree::Device;
-use crate::error::BuildError;
 use crate::geometry::{Hit, Intersector, Packets, Ray, Triangles};
-use crate::instances::Instances;
 use crate::layout::{Bounds, Root};
 use crate::parameters::{TreeParameters, Update};
+use crate::{embree::Device, error::BuildError, instances::Instances};
 
 /// Trees of our own under a tree over their instances.
 #[derive(Debug)]

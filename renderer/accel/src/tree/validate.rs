@@ -1,9 +1,7 @@
 //! Checks a finished tree, triangle by triangle, for tests and investigations.
 
-use super::Tree;
-use super::walk::Met;
-use crate::layout::Bounds;
-use crate::parameters::Quality;
+use super::{Tree, walk::Met};
+use crate::{layout::Bounds, parameters::Quality};
 
 /// A fault of a tree.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]

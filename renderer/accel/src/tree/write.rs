@@ -2,12 +2,10 @@
 
 use rayon::prelude::*;
 
-use super::arena::Arena;
-use super::order::sequence;
 use super::plan::{Link, Named, Plan};
-use crate::error::BuildError;
-use crate::geometry::Triangles;
+use super::{arena::Arena, order::sequence};
 use crate::layout::{Block, Bounds, NodeRef, TreeNode, WIDTH_MAX};
+use crate::{error::BuildError, geometry::Triangles};
 
 /// Fewest nodes and leaves that are worth a task of their own.
 const ITEMS_PER_TASK: usize = 2048;

@@ -5,8 +5,7 @@
 pub(crate) mod back_ends;
 pub(crate) mod verdict;
 
-use std::f32::consts::TAU;
-use std::sync::Arc;
+use std::{f32::consts::TAU, sync::Arc};
 
 use glam::{Vec3, Vec3A};
 use rand::{RngExt, SeedableRng};

@@ -1,8 +1,7 @@
 //! Every kind of vector against plain Rust, operation by operation.
 
 use super::*;
-use crate::layout::NodeRef;
-use crate::traverse::Isa;
+use crate::{layout::NodeRef, traverse::Isa};
 
 /// Pairs of numbers with every special value among them.
 fn samples() -> Vec<[f32; 2]> {
