@@ -1,8 +1,7 @@
 //! Scenes that move by the animations of their file, as glTF 2.0 defines them: nodes that go from key to key,
 //! meshes that joints bend, and meshes that morph towards targets.
 
-use std::collections::HashMap;
-use std::sync::Arc;
+use std::{collections::HashMap, sync::Arc};
 
 use glam::{Affine3A, DMat4, DVec3, Mat3, Mat4, Quat, Vec3, Vec3A};
 use gltf::animation::{Interpolation, Property};
@@ -10,8 +9,7 @@ use gltf::scene::Transform;
 use rayon::prelude::*;
 use treewright_accel::{Instances, Triangles};
 
-use super::part::normal_matrix;
-use super::{Placement, Up};
+use super::{Placement, Up, part::normal_matrix};
 
 /// The keys of one property of a node.
 #[derive(Clone, Debug)]

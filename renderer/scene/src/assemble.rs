@@ -1,25 +1,23 @@
 //! Puts parts together into a [`Scene`] and completes the source: drops bad triangles, adds missing normals,
 //! light and camera.
 
-use std::ops::Range;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
+use std::{ops::Range, sync::Arc};
 
 use glam::{Affine3A, DVec3, Vec2, Vec3, Vec3A};
 use treewright_accel::limits::{COORDINATE_MAX, TRIANGLES_MAX};
 use treewright_accel::{GeometryError, Triangles};
 
 use super::animation::{Animated, Rig};
-use super::bounds::Bounds;
 use super::framing::{self, CameraPose};
-use super::images::Pixels;
 use super::limits::{CAMERAS_MAX, FOV_RANGE_DEG, MESHES_MAX, PUNCTUAL_LIGHTS_MAX, VERTICES_MAX};
-use super::objects::Objects;
-use super::part::Part;
 use super::place::{Lengths, Placement};
 use super::texture::{Encoding, Wrap};
 use super::textures::{Textures, cut_out};
-use super::{Camera, Material, Mesh, Placed, Punctual, Scene, SceneError, Sky, Up};
+use super::{
+    Camera, Material, Mesh, Placed, Punctual, Scene, SceneError, Sky, Up, bounds::Bounds, images::Pixels,
+    objects::Objects, part::Part,
+};
 
 /// Marks a vertex that no kept triangle names.
 const UNUSED: u32 = u32::MAX;

@@ -8,9 +8,7 @@ use std::path::Path;
 
 use glam::Vec3;
 
-use super::error::one_line;
-use super::limits::ENVIRONMENT_EDGE_MAX;
-use super::{SceneError, images};
+use super::{SceneError, error::one_line, images, limits::ENVIRONMENT_EDGE_MAX};
 
 /// Radiance from every direction.
 #[derive(Clone, Debug)]

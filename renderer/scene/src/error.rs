@@ -2,8 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use treewright_accel::GeometryError;
-use treewright_accel::limits::INSTANCES_MAX;
+use treewright_accel::{GeometryError, limits::INSTANCES_MAX};
 
 use super::limits::{DETAIL_RANGE, FILE_BYTES_MAX, MESHES_MAX, PLACED_TRIANGLES_MAX, VERTICES_MAX};
 

@@ -1,11 +1,9 @@
 //! A scene of instances as one without: every instance's triangles as its own.
 
-use std::path::PathBuf;
-use std::sync::Arc;
+use std::{path::PathBuf, sync::Arc};
 
 use glam::{Vec3, Vec3A};
-use treewright_accel::Triangles;
-use treewright_accel::limits::TRIANGLES_MAX;
+use treewright_accel::{Triangles, limits::TRIANGLES_MAX};
 
 use super::limits::{MESHES_MAX, VERTICES_MAX};
 use super::{Mesh, Scene, SceneError};

@@ -5,9 +5,7 @@
 
 use glam::Vec3;
 
-use super::bounds::Bounds;
-use super::limits::FOV_RANGE_DEG;
-use super::{Camera, Placed, probe};
+use super::{Camera, Placed, bounds::Bounds, limits::FOV_RANGE_DEG, probe};
 
 /// Angle of view of a camera that looks at an object.
 const OBJECT_FOV_DEG: f32 = 38.0;

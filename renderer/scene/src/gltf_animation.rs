@@ -2,15 +2,13 @@
 
 use glam::{Mat4, Vec3, Vec4};
 use gltf::accessor::{DataType, Dimensions};
-use gltf::animation::util::ReadOutputs;
 use gltf::animation::{Channel, Interpolation, Property};
-use gltf::{Accessor, Document, Node, Primitive, Semantic};
+use gltf::{Accessor, Document, Node, Primitive, Semantic, animation::util::ReadOutputs};
 
 use super::animation::{Clip, Influence, Piece, Rig, Track};
-use super::assemble::Assembler;
 use super::gltf_geometry::{Buffers, VECTORS, check, items};
 use super::limits::{KEY_NUMBERS_MAX, POSED_VERTICES_MAX};
-use super::part::Part;
+use super::{assemble::Assembler, part::Part};
 
 /// Types of numbers that integers may stand for.
 const NUMBERS: &[DataType] = &[DataType::F32, DataType::I8, DataType::U8, DataType::I16, DataType::U16];

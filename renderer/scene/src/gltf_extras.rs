@@ -19,8 +19,7 @@
 use glam::{Mat4, Vec3};
 use serde_json::Value;
 
-use super::framing::CameraPose;
-use super::{Sky, Sun};
+use super::{Sky, Sun, framing::CameraPose};
 
 /// Width over height of the pictures that such cameras were made for, where they do not say it.
 const ASPECT: f32 = 16.0 / 9.0;

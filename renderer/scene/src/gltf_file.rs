@@ -7,23 +7,20 @@
 use std::path::Path;
 
 use glam::{Affine3A, DMat4, DVec3, Mat4, Vec3};
-use gltf::camera::Projection;
 use gltf::khr_lights_punctual::{Kind, Light};
-use gltf::{Document, Mesh, Node, Primitive};
+use gltf::{Document, Mesh, Node, Primitive, camera::Projection};
 
 use super::animation::{Carried, Pose, Rig};
 use super::assemble::{Assembler, Lighting};
-use super::error::one_line;
-use super::framing::CameraPose;
-use super::gltf_animation;
-use super::gltf_extras;
 use super::gltf_geometry::{self, Buffers};
 use super::gltf_instances::{self, Copies};
 use super::gltf_json::{self, Refusal};
 use super::gltf_material::{self, Materials};
 use super::limits::{DISTANCE_MAX, INSTANCING_SAVES_MIN, NODE_DEPTH_MAX, POSED_VERTICES_MAX};
-use super::part::Part;
-use super::{Cone, Punctual, Scene, SceneError, Up};
+use super::{
+    Cone, Punctual, Scene, SceneError, Up, error::one_line, framing::CameraPose, gltf_animation, gltf_extras,
+    part::Part,
+};
 
 /// Reads one file. See [`super::load`].
 pub(super) fn read(path: &Path, bytes: &[u8], up: Up) -> Result<Scene, SceneError> {

@@ -4,14 +4,10 @@ use std::path::Path;
 
 use glam::Vec3;
 use gltf::accessor::{Accessor, DataType, Dimensions, Item, Iter};
-use gltf::buffer::Source;
-use gltf::mesh::Mode;
-use gltf::{Primitive, Semantic};
+use gltf::{Primitive, Semantic, buffer::Source, mesh::Mode};
 
-use super::gltf_material::Coordinates;
-use super::images::fetch;
 use super::limits::{FILE_BYTES_MAX, VERTICES_MAX};
-use super::part::Part;
+use super::{gltf_material::Coordinates, images::fetch, part::Part};
 
 /// The buffers of a document, by index.
 pub(super) type Buffers = [gltf::buffer::Data];

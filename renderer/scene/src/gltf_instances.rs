@@ -8,9 +8,8 @@ use gltf::accessor::{DataType, Dimensions};
 use serde_json::Value;
 use treewright_accel::limits::INSTANCES_MAX;
 
-use super::animation::turn;
-use super::assemble::Assembler;
 use super::gltf_geometry::{Buffers, items};
+use super::{animation::turn, assemble::Assembler};
 
 /// By the number of a node: where the copies of its mesh stand, in its own space.
 pub(super) type Copies = HashMap<usize, Vec<Mat4>>;

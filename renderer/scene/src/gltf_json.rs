@@ -9,8 +9,7 @@ use std::collections::BTreeMap;
 use gltf::binary::Glb;
 use serde_json::{Value, json};
 
-use super::error::one_line;
-use super::text;
+use super::{error::one_line, text};
 
 /// A document ready for the parser.
 #[derive(Debug)]

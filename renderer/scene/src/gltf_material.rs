@@ -6,15 +6,11 @@
 use std::path::Path;
 
 use glam::{Mat2, Vec2, Vec3};
-use gltf::Document;
-use gltf::material::AlphaMode;
 use gltf::texture::{Texture, WrappingMode};
+use gltf::{Document, material::AlphaMode};
 
-use super::assemble::Assembler;
-use super::images;
-use super::limits::IMAGE_BYTES_MAX;
 use super::texture::{Encoding, Wrap};
-use super::{Material, Volume};
+use super::{Material, Volume, assemble::Assembler, images, limits::IMAGE_BYTES_MAX};
 
 /// Alpha from which on a surface is solid where the file says it blends, though its texture only cuts out.
 const CUT_OUT: f32 = 0.5;

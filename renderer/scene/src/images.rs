@@ -1,8 +1,7 @@
 //! Image files for textures and environments: decoded by the crate `image`, within limits that are checked
 //! before memory is taken for their pixels.
 
-use std::io::Cursor;
-use std::path::Path;
+use std::{io::Cursor, path::Path};
 
 use base64::Engine as _;
 use glam::Vec3;

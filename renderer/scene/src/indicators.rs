@@ -64,9 +64,7 @@ fn diffuse_share(material: &Material) -> f64 {
 mod tests {
     use super::*;
     use crate::assemble::{Assembler, Lighting};
-    use crate::builtin;
-    use crate::framing::CameraPose;
-    use crate::shapes::Shapes;
+    use crate::{builtin, framing::CameraPose, shapes::Shapes};
     use std::path::Path;
 
     fn view(position: Vec3) -> CameraPose {

@@ -4,8 +4,7 @@
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 
-use super::limits::FILE_BYTES_MAX;
-use super::{Scene, SceneError, Up, gltf_file, obj_file, ply_file};
+use super::{Scene, SceneError, Up, gltf_file, limits::FILE_BYTES_MAX, obj_file, ply_file};
 
 /// Reads a scene file: glTF (`.gltf`, `.glb`), Wavefront OBJ with its MTL (`.obj`), or PLY (`.ply`).
 ///

@@ -1,17 +1,14 @@
 //! Animations, skins and morph targets of glTF, on files of one triangle with values worked out by hand.
 
-use std::f32::consts::FRAC_1_SQRT_2;
-use std::sync::Arc;
+use std::{f32::consts::FRAC_1_SQRT_2, sync::Arc};
 
 use glam::Vec3;
 use serde_json::{Value, json};
 
-use super::gltf_file::shared_meshes;
-use super::gltf_instances::Copies;
 use super::limits::{INSTANCING_SAVES_MIN, POSED_VERTICES_MAX};
 use super::load_tests::{GltfFile, told, triangle_document};
 use super::motion::{Motion, Mover};
-use super::{Scene, Up, load_upright};
+use super::{Scene, Up, gltf_file::shared_meshes, gltf_instances::Copies, load_upright};
 
 /// A quarter turn about x, from y to z and from z to -y.
 const QUARTER: [f32; 4] = [FRAC_1_SQRT_2, 0.0, 0.0, FRAC_1_SQRT_2];

@@ -4,9 +4,8 @@
 use glam::Vec3;
 use serde_json::{Value, json};
 
-use super::limits::PUNCTUAL_LIGHTS_MAX;
 use super::load_tests::{GltfFile, error_of, glb, has_note, load_bytes, material, told, triangle_document};
-use super::{Cone, Punctual, Scene, Sky, Up, load_upright};
+use super::{Cone, Punctual, Scene, Sky, Up, limits::PUNCTUAL_LIGHTS_MAX, load_upright};
 
 fn loaded(document: &Value) -> Scene {
     load_bytes("a.glb", &glb(document, &triangle_document().1)).unwrap()

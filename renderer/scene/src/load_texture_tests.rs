@@ -1,7 +1,6 @@
 //! The readers on small files with textures, written here.
 
-use std::io::Cursor;
-use std::path::Path;
+use std::{io::Cursor, path::Path};
 
 use glam::{Vec2, Vec3};
 use image::{DynamicImage, ImageFormat, RgbaImage};

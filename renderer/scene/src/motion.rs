@@ -6,9 +6,8 @@
 //! corners. All come round after a cycle, and time 0 is the scene at rest. The last (`file`) is an animation
 //! of the scene's own file, which keeps to neither.
 
-use std::collections::HashMap;
 use std::f32::consts::{PI, TAU};
-use std::sync::Arc;
+use std::{collections::HashMap, sync::Arc};
 
 use glam::{Affine3A, Quat, Vec3, Vec3A};
 use rand::{RngExt, SeedableRng};
@@ -16,9 +15,7 @@ use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use treewright_accel::{Instance, Instances};
 
-use super::error::one_line;
-use super::objects::can_stand;
-use super::{Bounds, Scene, SceneError};
+use super::{Bounds, Scene, SceneError, error::one_line, objects::can_stand};
 
 /// A way to move.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]

@@ -1,7 +1,6 @@
 //! MTL files: the names that an OBJ gives, and the materials that they hold.
 
-use std::collections::BTreeMap;
-use std::path::Path;
+use std::{collections::BTreeMap, path::Path};
 
 use glam::Vec3;
 

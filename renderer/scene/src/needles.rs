@@ -2,19 +2,14 @@
 //! through its geometry. At most angles it is the hard case for boxes aligned to axes, and for a builder that
 //! splits triangles.
 
-use std::f32::consts::TAU;
-use std::path::PathBuf;
-use std::sync::Arc;
+use std::{f32::consts::TAU, path::PathBuf, sync::Arc};
 
 use glam::{Mat3, Vec2, Vec3};
 use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
 use treewright_accel::Triangles;
 
-use super::bounds::Bounds;
-use super::part::Part;
-use super::placed::Placed;
-use super::{Material, Mesh, Scene, SceneError};
+use super::{Material, Mesh, Scene, SceneError, bounds::Bounds, part::Part, placed::Placed};
 
 /// Radius of the cylinder in shares of its length.
 const SLENDER: f32 = 0.07;

@@ -4,11 +4,10 @@ use std::path::Path;
 
 use glam::Vec3;
 
-use super::Material;
-use super::assemble::Assembler;
 use super::images::{self, Pixels};
 use super::mtl_text::{Described, map};
 use super::texture::{Encoding, Wrap};
+use super::{Material, assemble::Assembler};
 
 /// Alpha from which a surface with an alpha map is solid.
 const CUT_OUT: f32 = 0.5;

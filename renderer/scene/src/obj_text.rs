@@ -5,8 +5,7 @@ use std::collections::{BTreeSet, HashMap};
 
 use glam::{DVec3, Vec2, Vec3};
 
-use super::part::Part;
-use super::place::far_middle;
+use super::{part::Part, place::far_middle};
 
 /// The contents of an OBJ text.
 #[derive(Default)]

@@ -7,8 +7,7 @@ use glam::{Affine3A, Vec3, Vec3A};
 use treewright_accel::Instances;
 use treewright_accel::limits::{COORDINATE_MAX, INSTANCES_MAX};
 
-use super::Bounds;
-use super::limits::PLACED_TRIANGLES_MAX;
+use super::{Bounds, limits::PLACED_TRIANGLES_MAX};
 
 /// Objects and places collected so far.
 #[derive(Clone, Debug, Default)]

@@ -7,10 +7,8 @@ use std::ops::Range;
 
 use glam::{DVec3, Vec3, Vec3A};
 
-use super::framing::CameraPose;
 use super::limits::{DIAGONAL_RANGE, DISTANCE_MAX};
-use super::objects::Objects;
-use super::{Bounds, Material, Punctual};
+use super::{Bounds, Material, Punctual, framing::CameraPose, objects::Objects};
 
 /// The transform from places of a file to places of the scene: moved first, then multiplied.
 #[derive(Clone, Copy, Debug, PartialEq)]

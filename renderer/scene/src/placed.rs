@@ -130,16 +130,14 @@ impl Scene {
 
 #[cfg(test)]
 mod tests {
-    use std::path::Path;
-    use std::sync::Arc;
+    use std::{path::Path, sync::Arc};
 
     use glam::{Affine3A, Quat};
     use proptest::prelude::*;
 
     use super::*;
-    use crate::Material;
     use crate::assemble::{Assembler, Lighting};
-    use crate::shapes::Shapes;
+    use crate::{Material, shapes::Shapes};
 
     /// A sphere and a box as objects of their own, placed as given.
     fn scene(placed: &[(u32, Affine3A)]) -> Scene {

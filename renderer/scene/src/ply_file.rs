@@ -1,9 +1,7 @@
 //! Reads PLY, the Stanford polygon format: ASCII and binary of both byte orders. Colours, texture coordinates
 //! and elements besides vertices and faces are left out.
 
-use std::borrow::Cow;
-use std::io::Cursor;
-use std::path::Path;
+use std::{borrow::Cow, io::Cursor, path::Path};
 
 use glam::{DVec3, Vec3};
 use ply_rs_bw::parser::{ParseError, Parser, Reader};
@@ -12,10 +10,9 @@ use ply_rs_bw::ply::{
 };
 
 use super::assemble::{Assembler, Lighting};
-use super::error::one_line;
-use super::part::Part;
-use super::place::far_middle;
-use super::{Material, Scene, SceneError, Up, ply_text, text};
+use super::{
+    Material, Scene, SceneError, Up, error::one_line, part::Part, place::far_middle, ply_text, text,
+};
 
 /// Reads one file. See [`super::load`].
 pub(super) fn read(path: &Path, bytes: &[u8], up: Up) -> Result<Scene, SceneError> {

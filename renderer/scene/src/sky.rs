@@ -2,8 +2,7 @@
 
 use glam::Vec3;
 
-use super::up::Up;
-use super::{Sky, Sun};
+use super::{Sky, Sun, up::Up};
 
 /// Half of the sun's angular diameter. The real one is 0.0047; a slightly hazy sun gives softer shadows.
 const SUN_HALF_ANGLE_RAD: f32 = 0.012;

@@ -1,17 +1,13 @@
 //! The textures of a scene that is being assembled: each picture once, within the limit of pixels, and the
 //! masks among them.
 
-use std::collections::HashMap;
-use std::collections::hash_map::Entry;
-use std::sync::Arc;
+use std::{collections::HashMap, collections::hash_map::Entry, sync::Arc};
 
 use glam::Vec2;
 use treewright_accel::{Card, GeometryError, Mask, Triangles};
 
-use super::images::Pixels;
-use super::limits::TEXTURE_PIXELS_MAX;
 use super::texture::{Encoding, Wrap};
-use super::{Material, Mesh, Texture};
+use super::{Material, Mesh, Texture, images::Pixels, limits::TEXTURE_PIXELS_MAX};
 
 /// The identity of a texture: the source of its picture, the encoding of its values, its continuation.
 type Key = (String, Encoding, [Wrap; 2]);

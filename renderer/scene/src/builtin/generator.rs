@@ -5,12 +5,10 @@ use glam::{Vec3, Vec4};
 use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
 
-use crate::assemble::Assembler;
-use crate::images::Pixels;
-use crate::part::Part;
-use crate::shapes::Shapes;
 use crate::texture::{Encoding, Wrap};
-use crate::{Camera, Material, SceneError, Sky, Sun};
+use crate::{
+    Camera, Material, SceneError, Sky, Sun, assemble::Assembler, images::Pixels, part::Part, shapes::Shapes,
+};
 
 /// Options of a built-in scene.
 #[derive(Clone, Copy, Debug, PartialEq)]

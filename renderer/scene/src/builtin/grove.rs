@@ -9,10 +9,9 @@ use glam::{Vec2, Vec3};
 
 use super::generator::{Generator, LightAndPath, key, sunny};
 use super::noise::{octaves, ridges};
-use crate::part::Part;
 use crate::shapes::{Shapes, on_circle};
 use crate::texture::{Encoding, Wrap};
-use crate::{Material, SceneError};
+use crate::{Material, SceneError, part::Part};
 
 /// Edge of the ground, metres.
 const GROUND: f32 = 46.0;

@@ -7,8 +7,7 @@ use glam::{Vec2, Vec3};
 use super::architecture::{Opening, WallPlane, arched_wall, archivolt, chequered, coffer, column, lattice};
 use super::generator::{Generator, LightAndPath, key, sunny};
 use super::palette::{brass, glow, matt, metal, polished};
-use crate::SceneError;
-use crate::shapes::Shapes;
+use crate::{SceneError, shapes::Shapes};
 
 /// Half the length, metres.
 const HALF_LENGTH: f32 = 24.0;

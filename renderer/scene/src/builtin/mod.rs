@@ -35,9 +35,7 @@ use generator::{Generator, LightAndPath};
 pub use generator::Options;
 
 use super::assemble::{Assembler, Lighting};
-use super::framing::CameraPose;
-use super::limits::DETAIL_RANGE;
-use super::{Scene, SceneError};
+use super::{Scene, SceneError, framing::CameraPose, limits::DETAIL_RANGE};
 
 /// A scene in the list: its name, its description, and its generator.
 type Entry = (&'static str, &'static str, fn(&mut Generator) -> Result<LightAndPath, SceneError>);

@@ -2,12 +2,9 @@
 //! 4.3): half as long as the scene's diagonal, it crosses most of the geometry at most angles, which is the
 //! hard case for boxes aligned to axes.
 
-use super::generator::Options;
 use super::generator::{Generator, LightAndPath, key};
-use super::hall;
-use super::palette::polished;
-use crate::SceneError;
-use crate::needles::bundles;
+use super::{generator::Options, hall, palette::polished};
+use crate::{SceneError, needles::bundles};
 
 /// Share of the detail that the hall gets.
 const HALL_DETAIL: f32 = 0.4;

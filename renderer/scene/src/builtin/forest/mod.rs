@@ -14,8 +14,7 @@ use glam::{Affine3A, Mat3, Quat, Vec3};
 use super::generator::{Generator, LightAndPath, key, sunny};
 use super::noise::{octaves, ridges};
 use super::palette::{matt, polished};
-use crate::SceneError;
-use crate::shapes::Shapes;
+use crate::{SceneError, shapes::Shapes};
 
 /// Edge of the ground, metres.
 const GROUND: f32 = 210.0;

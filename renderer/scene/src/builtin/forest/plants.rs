@@ -5,12 +5,9 @@ use std::f32::consts::{PI, TAU};
 use glam::Vec3;
 
 use super::trees::leaf;
-use crate::SceneError;
-use crate::builtin::generator::Generator;
 use crate::builtin::noise::{octaves, ridges};
-use crate::builtin::palette::matt;
-use crate::part::Part;
 use crate::shapes::{Shapes, on_sphere};
+use crate::{SceneError, builtin::generator::Generator, builtin::palette::matt, part::Part};
 
 /// Bushes and boulders.
 pub(super) fn bushes(generator: &mut Generator) -> Result<Vec<u32>, SceneError> {

@@ -4,11 +4,8 @@ use std::f32::consts::TAU;
 
 use glam::{Quat, Vec3};
 
-use crate::SceneError;
-use crate::builtin::generator::Generator;
 use crate::builtin::palette::{matt, polished};
-use crate::part::Part;
-use crate::shapes::Shapes;
+use crate::{SceneError, builtin::generator::Generator, part::Part, shapes::Shapes};
 
 /// All trees, as objects; kinds that are common stand in the list more than once.
 pub(super) fn species(generator: &mut Generator) -> Result<Vec<u32>, SceneError> {
