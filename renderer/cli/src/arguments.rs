@@ -1,11 +1,8 @@
 //! Groups of arguments that several commands share, and the scenes, cameras and structures made from them.
 
-use std::path::PathBuf;
-use std::str::FromStr;
-use std::sync::Arc;
+use std::{path::PathBuf, str::FromStr, sync::Arc};
 
-use clap::Args;
-use clap::builder::TypedValueParser;
+use clap::{Args, builder::TypedValueParser};
 use glam::DVec3;
 use treewright_accel::{BuildChoice, NativeOptions, NativeQuality};
 use treewright_client::{Configuration, Indicators};
@@ -14,11 +11,9 @@ use crate::error::CliError;
 use crate::names::{number_within, one_of};
 pub use crate::scene_arguments::SceneArguments;
 use treewright_renderer::frame::{Renderer, RendererError};
-use treewright_renderer::integrator::View;
 use treewright_renderer::limits::{BOUNCES_MAX, SIZE_MAX, THREADS_MAX};
 use treewright_renderer::space::{self, Choice, LightKinds, Premises, Preset, Start, TuningSpace};
-use treewright_renderer::tuning::objective::Objective;
-use treewright_renderer::tuning::workload::Workload;
+use treewright_renderer::{integrator::View, tuning::objective::Objective, tuning::workload::Workload};
 use treewright_scene::camera_path::CameraPath;
 use treewright_scene::indicators::SceneIndicators;
 use treewright_scene::limits::FOV_RANGE_DEG;

@@ -3,15 +3,13 @@
 use std::sync::Arc;
 
 use clap::Args;
-use treewright_renderer::follow::MotionFacts;
-use treewright_renderer::frame::Renderer;
 use treewright_renderer::limits::{EPISODE_FRAMES_MAX, EPISODE_TRIANGLES_MAX};
-use treewright_renderer::space::TuningSpace;
-use treewright_renderer::tuning::objective::Objective;
+use treewright_renderer::{
+    follow::MotionFacts, frame::Renderer, space::TuningSpace, tuning::objective::Objective,
+};
 use treewright_scene::Scene;
 
-use crate::error::CliError;
-use crate::scene_arguments::SceneArguments;
+use crate::{error::CliError, scene_arguments::SceneArguments};
 
 /// Which stretch of a motion a trial shows.
 #[derive(Args, Clone, Copy, Debug)]

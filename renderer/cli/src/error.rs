@@ -5,9 +5,7 @@ use std::process::ExitCode;
 use treewright_accel::{BuildError, DeviceError};
 use treewright_client::ClientError;
 
-use treewright_renderer::frame::RendererError;
-use treewright_renderer::image_file::ImageFileError;
-use treewright_renderer::space::ConfigurationError;
+use treewright_renderer::{frame::RendererError, image_file::ImageFileError, space::ConfigurationError};
 use treewright_scene::SceneError;
 
 /// Why a command ended without success.

@@ -1,10 +1,7 @@
 //! Commands of the laboratory: this program hands them on to `treewright-lab`, which lies in its folder, so
 //! that a renderer that only tunes carries none of it.
 
-use std::ffi::OsString;
-use std::io::ErrorKind;
-use std::os::unix::process::CommandExt as _;
-use std::process::Command;
+use std::{ffi::OsString, io::ErrorKind, os::unix::process::CommandExt as _, process::Command};
 
 use clap::Args;
 

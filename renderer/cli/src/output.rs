@@ -5,9 +5,8 @@ use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 
 use crate::error::CliError;
-use treewright_renderer::integrator::Omission;
-use treewright_renderer::measure::Standing;
 use treewright_renderer::tuning::who::{NATIVE_DEFAULT, Who};
+use treewright_renderer::{integrator::Omission, measure::Standing};
 use treewright_scene::Scene;
 
 /// Prints a value as indented JSON.

@@ -1,8 +1,7 @@
 //! The argument for the number of frames that a tree serves.
 
 use clap::Args;
-use treewright_renderer::tuning::objective::Objective;
-use treewright_renderer::tuning::reuse::FRAMES_PER_BUILD_MAX;
+use treewright_renderer::{tuning::objective::Objective, tuning::reuse::FRAMES_PER_BUILD_MAX};
 
 use crate::error::CliError;
 

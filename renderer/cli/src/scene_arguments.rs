@@ -1,10 +1,8 @@
 //! The arguments that choose a scene, its upward axis and its light.
 
-use std::path::PathBuf;
-use std::sync::Arc;
+use std::{path::PathBuf, sync::Arc};
 
-use clap::Args;
-use clap::builder::TypedValueParser;
+use clap::{Args, builder::TypedValueParser};
 use treewright_scene::motion::{Motion, Mover};
 use treewright_scene::{Environment, Scene, Sky, Up, builtin, load_upright};
 

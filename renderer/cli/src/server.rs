@@ -4,8 +4,7 @@ use std::time::Duration;
 
 use clap::Args;
 use treewright_accel::{Device, Isa};
-use treewright_client::blocking::Client;
-use treewright_client::{CredentialArguments, Fingerprint, Options, detect_fingerprint};
+use treewright_client::{CredentialArguments, Fingerprint, Options, blocking::Client, detect_fingerprint};
 
 use crate::error::CliError;
 

@@ -3,9 +3,8 @@
 #[path = "support/program.rs"]
 mod program;
 
-use std::io::Write;
-use std::path::Path;
 use std::process::{Command, Output, Stdio};
+use std::{io::Write, path::Path};
 
 use treewright_accel::NativeQuality;
 use treewright_accel::recording::{RayClass, Recording};

@@ -12,19 +12,17 @@ use treewright_client::Configuration;
 
 use crate::arguments::{NamedConfiguration, SpaceArguments, ViewArguments, note_retired, read_configuration};
 use crate::error::{CliError, write_file};
-use crate::interrupt::Interrupt;
-use crate::output;
+use crate::{interrupt::Interrupt, output};
 use treewright_renderer::disturbance::{Disturbance, Watch};
-use treewright_renderer::frame::FrameTimes;
 use treewright_renderer::limits::{CONTENDERS_MAX, ROUNDS_MAX};
 use treewright_renderer::measure::{
     Conditions, Contender, Measured, Standing, Yardstick, delay_note, interleaved, standings,
 };
 use treewright_renderer::space::{self, Choice, Premises, Preset, TuningSpace};
-use treewright_renderer::statistics::Summary;
-use treewright_renderer::tuning::objective::Objective;
 use treewright_renderer::tuning::verdict::{contender, keep_best_native, natives, used_well};
-use treewright_renderer::tuning::who::Who;
+use treewright_renderer::{
+    frame::FrameTimes, statistics::Summary, tuning::objective::Objective, tuning::who::Who,
+};
 use treewright_scene::Scene;
 
 /// Arguments of `bench`.

@@ -7,12 +7,10 @@ use serde::Serialize;
 use treewright_client::{ClientError, Configuration};
 
 use crate::arguments::{SpaceArguments, StartArguments, ViewArguments, objective};
-use crate::episode_arguments::EpisodeArguments;
-use crate::error::CliError;
-use crate::narrowing::NarrowingArguments;
-use crate::output;
-use crate::reuse_arguments::ReuseArguments;
-use crate::server::ServerArguments;
+use crate::{
+    episode_arguments::EpisodeArguments, error::CliError, narrowing::NarrowingArguments, output,
+    reuse_arguments::ReuseArguments, server::ServerArguments,
+};
 use treewright_renderer::tuning::objective::{Objective, study_id};
 use treewright_scene::indicators::SceneIndicators;
 

@@ -2,22 +2,16 @@
 
 use std::path::PathBuf;
 
-use clap::Args;
-use clap::builder::TypedValueParser;
+use clap::{Args, builder::TypedValueParser};
 use indicatif::ProgressBar;
 use serde::Serialize;
 
 use crate::arguments::{CameraArguments, FrameArguments, SceneArguments, Size, StructureArguments};
 use crate::error::{CliError, check_folder};
-use crate::interrupt::Interrupt;
-use crate::names::one_of;
-use crate::output;
-use treewright_renderer::film::Film;
+use crate::{interrupt::Interrupt, names::one_of, output};
 use treewright_renderer::image_file::{self, Exposure, Look, Tone};
 use treewright_renderer::integrator::{Counts, Omission};
-use treewright_renderer::limits::SAMPLES_MAX;
-use treewright_renderer::space::Choice;
-use treewright_renderer::statistics::Summary;
+use treewright_renderer::{film::Film, limits::SAMPLES_MAX, space::Choice, statistics::Summary};
 
 /// Arguments of `image`.
 #[derive(Args, Clone, Debug)]

@@ -5,8 +5,7 @@ use serde::Serialize;
 use treewright_client::{Configuration, Constraint, Indicators};
 
 use crate::arguments::{CameraArguments, SceneArguments, SpaceArguments, indicators, objective};
-use crate::error::CliError;
-use crate::output;
+use crate::{error::CliError, output};
 use treewright_renderer::integrator::{Omission, Prepared};
 use treewright_renderer::space::{Explained, Preset};
 use treewright_renderer::tuning::objective::Objective;

@@ -7,9 +7,7 @@
 //! With `--rounds` the scene moves as well, and the structure follows: parts that have decayed are rebuilt,
 //! in the paper's space all of it.
 
-use std::path::PathBuf;
-use std::sync::Arc;
-use std::time::Instant;
+use std::{path::PathBuf, sync::Arc, time::Instant};
 
 use clap::{Args, ValueEnum};
 use serde::Serialize;
@@ -20,25 +18,16 @@ use treewright_client::{
 
 use crate::arguments::{FrameArguments, SceneArguments, Size, SpaceArguments, StartArguments, unit_interval};
 use crate::error::{CliError, write_file};
-use crate::interrupt::Interrupt;
-use crate::output;
-use crate::server::ServerArguments;
-use treewright_renderer::film::Film;
-use treewright_renderer::follow::Wear;
+use crate::{interrupt::Interrupt, output, server::ServerArguments};
 use treewright_renderer::frame::{FrameTimes, Renderer, milliseconds};
-use treewright_renderer::integrator::View;
-use treewright_renderer::limits::ITERATIONS_MAX;
 use treewright_renderer::scheduling::{ThreadTimes, of_process};
 use treewright_renderer::space::{Choice, Preset, Start, TuningSpace};
-use treewright_renderer::statistics::Summary;
 use treewright_renderer::tuning::objective::{Objective, frame_cost, measurements, specification, study_id};
-use treewright_renderer::tuning::reuse::Reuse;
-use treewright_renderer::tuning::safety::Safety;
-use treewright_renderer::tuning::search::not_built;
-use treewright_renderer::tuning::verdict;
-use treewright_scene::Scene;
-use treewright_scene::camera_path::CameraPath;
-use treewright_scene::indicators::SceneIndicators;
+use treewright_renderer::{
+    film::Film, follow::Wear, integrator::View, limits::ITERATIONS_MAX, statistics::Summary,
+    tuning::reuse::Reuse, tuning::safety::Safety, tuning::search::not_built, tuning::verdict,
+};
+use treewright_scene::{Scene, camera_path::CameraPath, indicators::SceneIndicators};
 
 /// Arguments of `play`.
 #[derive(Args, Clone, Debug)]

@@ -1,18 +1,15 @@
 //! `treewright-render rays`: the rays of one frame, recorded for `cargo bench -p treewright-accel`.
 
-use std::fs::File;
 use std::io::{BufWriter, Write};
-use std::path::PathBuf;
+use std::{fs::File, path::PathBuf};
 
 use clap::Args;
 use treewright_accel::{BuildChoice, Device, NativeOptions, build};
 
 use crate::arguments::{CameraArguments, SceneArguments, Size};
 use crate::error::CliError;
-use treewright_renderer::film::Film;
 use treewright_renderer::integrator::{Prepared, View};
-use treewright_renderer::limits::BOUNCES_MAX;
-use treewright_renderer::recorder::record;
+use treewright_renderer::{film::Film, limits::BOUNCES_MAX, recorder::record};
 
 /// Arguments of `rays`.
 #[derive(Args, Clone, Debug)]

@@ -12,15 +12,10 @@ use std::time::{Duration, Instant};
 use serde::{Deserialize, Serialize};
 
 use super::tune_arguments::Arguments;
-use crate::error::CliError;
-use crate::interrupt::Interrupt;
-use crate::output;
-use treewright_renderer::disturbance::Watch;
-use treewright_renderer::frame::Renderer;
+use crate::{error::CliError, interrupt::Interrupt, output};
 use treewright_renderer::limits::{ROUNDS_MAX, SECOND_PROCESS_S_MAX};
 use treewright_renderer::measure::{Conditions, Contender, Measured, interleaved};
-use treewright_renderer::space::Choice;
-use treewright_renderer::tuning::who::Who;
+use treewright_renderer::{disturbance::Watch, frame::Renderer, space::Choice, tuning::who::Who};
 
 /// The name of the hidden command.
 const COMMAND: &str = "rounds";

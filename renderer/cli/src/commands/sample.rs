@@ -23,22 +23,17 @@ use treewright_client::blocking::Client;
 use treewright_client::{ClientError, Options, Outcome, Policy, PredictorMethod, Question, TrialRecord};
 
 use crate::arguments::{FrameArguments, SceneArguments, Size, SpaceArguments};
-use crate::error::CliError;
-use crate::interrupt::Interrupt;
-use crate::narrowing::NarrowingArguments;
-use crate::output;
-use crate::server::ServerArguments;
+use crate::{
+    error::CliError, interrupt::Interrupt, narrowing::NarrowingArguments, output, server::ServerArguments,
+};
 use claims::Claims;
-use treewright_renderer::film::Film;
-use treewright_renderer::frame::Renderer;
 use treewright_renderer::limits::{FRAMES_PER_TRIAL_MAX, SAMPLES_PER_PLACE_MAX};
 use treewright_renderer::space::{Narrowing, TuningSpace};
 use treewright_renderer::tuning::objective::{Objective, space_in_ids, specification};
 use treewright_renderer::tuning::sampling::{SAMPLE, SEQUENCE, Sequence};
 use treewright_renderer::tuning::search::{SearchSetting, trial};
-use treewright_renderer::tuning::verdict;
-use treewright_scene::camera_path::CameraPath;
-use treewright_scene::indicators::SceneIndicators;
+use treewright_renderer::{film::Film, frame::Renderer, tuning::verdict};
+use treewright_scene::{camera_path::CameraPath, indicators::SceneIndicators};
 
 /// Pause before another look at the trials of other renderers, or for a daemon that is away.
 const PAUSE: Duration = Duration::from_millis(500);

@@ -10,27 +10,20 @@ pub(crate) use super::tune_arguments::Arguments;
 use super::{rounds, tune_output};
 use crate::arguments::{note_retired, read_configuration};
 use crate::error::{CliError, check_folder, write_file};
-use crate::interrupt::Interrupt;
-use crate::output;
-use crate::report;
-use crate::server::machine;
-use treewright_renderer::disturbance::Disturbance;
+use crate::{interrupt::Interrupt, output, report, server::machine};
 use treewright_renderer::frame::{Renderer, milliseconds};
-use treewright_renderer::limits::ITERATIONS_MAX;
 use treewright_renderer::measure::{Conditions, Contender, Standing, delay_note, standings};
-use treewright_renderer::space::TuningSpace;
-use treewright_renderer::tuning::confirmation;
 use treewright_renderer::tuning::ending::{Ending, Progress};
 use treewright_renderer::tuning::objective::{specification, study_id};
 use treewright_renderer::tuning::patience::{Patience, PatientTuner};
 use treewright_renderer::tuning::results::{Milestone, Overhead, Prediction, SceneFacts, TuningResults};
 use treewright_renderer::tuning::search::{self, SearchOutcome, SearchSetting};
 use treewright_renderer::tuning::verdict::{self, Gains, Rival};
-use treewright_renderer::tuning::who::Who;
-use treewright_renderer::tuning::workload::Workload;
-use treewright_scene::Scene;
-use treewright_scene::camera_path::CameraPath;
-use treewright_scene::indicators::SceneIndicators;
+use treewright_renderer::{
+    disturbance::Disturbance, limits::ITERATIONS_MAX, space::TuningSpace, tuning::confirmation,
+    tuning::who::Who, tuning::workload::Workload,
+};
+use treewright_scene::{Scene, camera_path::CameraPath, indicators::SceneIndicators};
 
 /// Place on the camera path of the fresh camera for which the predictor is asked.
 const FRESH_STEP: f32 = 0.2;

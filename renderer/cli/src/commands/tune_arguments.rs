@@ -1,22 +1,19 @@
 //! Arguments of `treewright-render tune`.
 
-use std::path::PathBuf;
-use std::time::Duration;
+use std::{path::PathBuf, time::Duration};
 
 use clap::Args;
 use treewright_client::{Policy, SessionPolicy};
 use treewright_renderer::limits::{FRAMES_PER_TRIAL_MAX, ITERATIONS_MAX, PATIENCE_S_MAX, ROUNDS_MAX};
-use treewright_renderer::measure::Conditions;
 use treewright_renderer::space::{Narrowing, Preset};
-use treewright_renderer::tuning::objective::Objective;
+use treewright_renderer::{measure::Conditions, tuning::objective::Objective};
 use treewright_scene::Camera;
 
 use crate::arguments::{SpaceArguments, StartArguments, ViewArguments, objective, unit_interval};
-use crate::episode_arguments::EpisodeArguments;
-use crate::error::CliError;
-use crate::narrowing::NarrowingArguments;
-use crate::reuse_arguments::ReuseArguments;
-use crate::server::ServerArguments;
+use crate::{
+    episode_arguments::EpisodeArguments, error::CliError, narrowing::NarrowingArguments,
+    reuse_arguments::ReuseArguments, server::ServerArguments,
+};
 
 /// Largest factor of `--abort-above`, which stops nothing that a scene can cost.
 const ABORT_ABOVE_MAX: f64 = 1e6;

@@ -5,9 +5,7 @@
 use treewright_figures::{Axis, Colour, Dot, Figure, Stroke};
 
 use super::parts::{predicted, roofline};
-use treewright_renderer::tuning::results::TuningResults;
-use treewright_renderer::tuning::search::Iteration;
-use treewright_renderer::tuning::who::Who;
+use treewright_renderer::{tuning::results::TuningResults, tuning::search::Iteration, tuning::who::Who};
 
 /// Trials slower than this many times the baseline are drawn at the upper edge.
 const CAP: f64 = 3.0;

@@ -8,21 +8,17 @@ pub(crate) mod parts;
 pub(crate) mod session;
 
 use askama::Template;
-use base64::Engine;
-use base64::engine::general_purpose::STANDARD;
+use base64::{Engine, engine::general_purpose::STANDARD};
 
 use parts::{ConfigurationRow, StandingRow, WayRow};
 
 use crate::error::CliError;
 use treewright_renderer::film::{Film, Picture};
-use treewright_renderer::frame::Renderer;
 use treewright_renderer::image_file::{Exposure, png_bytes};
-use treewright_renderer::measure::Standing;
-use treewright_renderer::space::Choice;
-use treewright_renderer::tuning::objective::Objective;
-use treewright_renderer::tuning::results::TuningResults;
-use treewright_renderer::tuning::search::SearchSetting;
-use treewright_renderer::tuning::who::Who;
+use treewright_renderer::{
+    frame::Renderer, measure::Standing, space::Choice, tuning::objective::Objective,
+    tuning::results::TuningResults, tuning::search::SearchSetting, tuning::who::Who,
+};
 
 /// Samples a pixel of the report's two pictures.
 const PICTURE_SAMPLES: u32 = 24;

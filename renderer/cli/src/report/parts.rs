@@ -3,11 +3,9 @@
 use treewright_accel::NativeQuality;
 use treewright_client::{Configuration, Value};
 
-use treewright_renderer::measure::Standing;
 use treewright_renderer::space::{Explained, Preset};
-use treewright_renderer::tuning::objective::Objective;
-use treewright_renderer::tuning::results::TuningResults;
 use treewright_renderer::tuning::who::{NATIVE_DEFAULT, Who};
+use treewright_renderer::{measure::Standing, tuning::objective::Objective, tuning::results::TuningResults};
 
 /// Smaller speed-ups are not reported as such: frames vary by more.
 const WORTH_TELLING: f64 = 1.03;

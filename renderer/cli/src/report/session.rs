@@ -4,8 +4,7 @@
 use treewright_figures::{Axis, Colour, Figure, Stroke};
 
 use super::parts::roofline;
-use treewright_renderer::tuning::results::TuningResults;
-use treewright_renderer::tuning::who::Who;
+use treewright_renderer::{tuning::results::TuningResults, tuning::who::Who};
 
 /// End of the curve, as a factor on the frame in which the session pays, or else on its number of frames.
 const BEYOND: f64 = 10.0;

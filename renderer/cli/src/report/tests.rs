@@ -7,17 +7,16 @@ use treewright_client::{
 use treewright_figures::Colour;
 
 use super::*;
-use treewright_renderer::disturbance::Disturbance;
-use treewright_renderer::frame::FrameTimes;
 use treewright_renderer::measure::{Measured, standings};
-use treewright_renderer::processes::Processes;
 use treewright_renderer::space::{Preset, TuningSpace};
 use treewright_renderer::statistics::{BreakEven, Ratio};
-use treewright_renderer::tuning::objective::Objective;
 use treewright_renderer::tuning::results::{Milestone, Overhead, Prediction, SceneFacts};
-use treewright_renderer::tuning::search::Iteration;
 use treewright_renderer::tuning::verdict::{Gains, crown};
 use treewright_renderer::tuning::who::{NATIVE_DEFAULT, Who};
+use treewright_renderer::{
+    disturbance::Disturbance, frame::FrameTimes, processes::Processes, tuning::objective::Objective,
+    tuning::search::Iteration,
+};
 
 fn iteration(number: u32, render_ms: Option<f64>) -> Iteration {
     Iteration {
