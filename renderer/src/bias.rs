@@ -14,8 +14,7 @@
 
 use std::fmt;
 
-use crate::film::Picture;
-use crate::integrator::sampling::luminance;
+use crate::{film::Picture, integrator::sampling::luminance};
 
 /// Most squares across and down.
 const SQUARES_MAX: [u32; 2] = [8, 6];

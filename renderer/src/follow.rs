@@ -4,19 +4,15 @@
 //! A trial is therefore an episode, one stretch of motion from a fresh build on, which all trials share. Its
 //! cost is the mean over all of its frames.
 
-use std::ops::Range;
-use std::sync::Arc;
+use std::{ops::Range, sync::Arc};
 
 use treewright_accel::{BuildError, Instance, Structure, Update};
 use treewright_client::episode_trend;
 use treewright_scene::Scene;
 
-use crate::film::Film;
 use crate::frame::{FrameTimes, Renderer};
-use crate::integrator::View;
-use crate::limits::EPISODE_FRAMES_MAX;
 use crate::scheduling::{ThreadTimes, of_process};
-use crate::space::Choice;
+use crate::{film::Film, integrator::View, limits::EPISODE_FRAMES_MAX, space::Choice};
 
 /// The period of structures that are never rebuilt: longer than any episode.
 pub const NEVER: u32 = EPISODE_FRAMES_MAX;

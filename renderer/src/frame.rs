@@ -16,12 +16,10 @@ use crate::bias::{Bias, Squares};
 use crate::film::{Film, Picture};
 use crate::integrator::{Counts, Learnt, Needs, Prepared, View, learn, render_sample_until};
 use crate::light_sampling::{LearningTimes, LightSampling};
-use crate::limits::TRIALS_PER_BUILD_MAX;
 use crate::noise::{FrameNoise, HALF_SAMPLES, WEIGHT_SAMPLES, Weights};
-use crate::render_options::RenderOptions;
 use crate::scheduling::{RunQueueDelay, ThreadTimes, of_process, thread_cpu_ms, undelayed_ms};
 use crate::shelf::{Built, Shelf};
-use crate::statistics::Summary;
+use crate::{limits::TRIALS_PER_BUILD_MAX, render_options::RenderOptions, statistics::Summary};
 use treewright_scene::Scene;
 
 /// Makes the seeds of a second look others.

@@ -10,17 +10,15 @@ use std::time::Instant;
 use serde::{Deserialize, Serialize};
 use treewright_accel::Structure;
 
-use crate::film::Film;
 use crate::frame::{FrameTimes, Renderer, milliseconds};
-use crate::integrator::View;
-use crate::light_sampling::LearningTimes;
-use crate::processes::Processes;
 use crate::scheduling::{ThreadTimes, of_process};
-use crate::space::Choice;
 use crate::statistics::{Ratio, Summary};
 pub use crate::tuning::objective::Yardstick;
-use crate::tuning::objective::frame_cost;
 use crate::tuning::who::{NativeUse, Who};
+use crate::{
+    film::Film, integrator::View, light_sampling::LearningTimes, processes::Processes, space::Choice,
+    tuning::objective::frame_cost,
+};
 
 /// Longest time of all rebuilds of a measurement, in seconds. Where a rebuild in each round would take
 /// longer, only some rounds rebuild.

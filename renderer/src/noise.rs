@@ -4,8 +4,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::bias::{Bias, FLOOR, Squares};
-use crate::film::Picture;
-use crate::integrator::sampling::luminance;
+use crate::{film::Picture, integrator::sampling::luminance};
 
 /// The share of pixels left out, those of the largest error: a few dots in a picture of millions would
 /// otherwise decide.

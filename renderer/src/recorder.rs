@@ -10,13 +10,11 @@
 use std::sync::{Mutex, PoisonError};
 
 use glam::Vec3;
-use treewright_accel::limits::RECORDED_RAYS_MAX;
 use treewright_accel::recording::{RayClass, RaySet, Recording};
-use treewright_accel::{Hit, Intersector, Ray};
+use treewright_accel::{Hit, Intersector, Ray, limits::RECORDED_RAYS_MAX};
 
-use crate::film::Film;
 use crate::integrator::{Prepared, View, render_sample};
-use crate::render_options::RenderOptions;
+use crate::{film::Film, render_options::RenderOptions};
 
 /// Renders one sample a pixel and gives the triangles with the rays it took, [`RECORDED_RAYS_MAX`] a class at
 /// most. Runs on the calling thread's rayon pool, which must have one thread.

@@ -6,8 +6,7 @@
 //! each thread's run-queue delay (`/proc/PID/task/TID/schedstat`, the second number, in nanoseconds;
 //! Documentation/scheduler/sched-stats.rst). The time of a frame without it follows: see [`undelayed_ms`].
 
-use std::fs::File;
-use std::os::unix::fs::FileExt as _;
+use std::{fs::File, os::unix::fs::FileExt as _};
 
 use rustix::time::{ClockId, clock_gettime};
 

@@ -1,18 +1,15 @@
 //! A scene of instances equals its flattened copy in pictures, indicators and light.
 
-use std::path::Path;
-use std::sync::Arc;
+use std::{path::Path, sync::Arc};
 
 use glam::Vec3;
 use treewright_accel::{BuildChoice, NativeOptions, TreeParameters};
 use treewright_renderer::film::{Film, Picture};
-use treewright_renderer::frame::Renderer;
 use treewright_renderer::integrator::{Lights, View};
-use treewright_renderer::render_options::RenderOptions;
+use treewright_renderer::{frame::Renderer, render_options::RenderOptions};
 use treewright_scene::assemble::{Assembler, Lighting};
 use treewright_scene::indicators::{SCHEMA, SceneIndicators};
-use treewright_scene::shapes::Shapes;
-use treewright_scene::{Material, Scene, Sky, builtin};
+use treewright_scene::{Material, Scene, Sky, builtin, shapes::Shapes};
 
 #[allow(dead_code, reason = "this test uses some of it")]
 #[path = "full_space/scenes.rs"]

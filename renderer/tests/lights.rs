@@ -1,16 +1,13 @@
 //! Lights without size, from a glTF file to the picture: as much light as the extension KHR_lights_punctual
 //! specifies, and only where it says.
 
-use std::path::Path;
-use std::sync::Arc;
+use std::{path::Path, sync::Arc};
 
 use glam::Vec3;
 use serde_json::{Value, json};
 use treewright_accel::{BuildChoice, NativeOptions};
 use treewright_renderer::film::{Film, Picture};
-use treewright_renderer::frame::Renderer;
-use treewright_renderer::integrator::View;
-use treewright_renderer::render_options::RenderOptions;
+use treewright_renderer::{frame::Renderer, integrator::View, render_options::RenderOptions};
 use treewright_scene::{Scene, load};
 
 /// A file of triangles of one grey material, with a camera at a place that looks along the negative z axis as

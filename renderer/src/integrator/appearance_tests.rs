@@ -1,20 +1,15 @@
 //! Textures, masks, glass and environment maps in scenes whose picture is known.
 
-use std::f32::consts::PI;
-use std::path::Path;
-use std::sync::Arc;
+use std::{f32::consts::PI, path::Path, sync::Arc};
 
 use glam::{Vec2, Vec3};
 use treewright_accel::{Card, Mask};
 
 use super::tests::traced;
 use super::*;
-use crate::film::Picture;
 use crate::scene::assemble::{Assembler, Lighting};
-use crate::scene::part::Part;
-use crate::scene::shapes::Shapes;
-use crate::scene::texture::Encoding;
 use crate::scene::{Environment, Material, Scene, Sky, Texture, Volume, Wrap};
+use crate::{film::Picture, scene::part::Part, scene::shapes::Shapes, scene::texture::Encoding};
 
 const WHITE: Sky = Sky { zenith: Vec3::ONE, horizon: Vec3::ONE, sun: None };
 

@@ -5,8 +5,7 @@
 //! edition 2023, 12.5, with a table in place of two searches). Bright suns in a map are found by every shadow
 //! ray that way.
 
-use std::f32::consts::PI;
-use std::sync::Arc;
+use std::{f32::consts::PI, sync::Arc};
 
 use glam::Vec3;
 

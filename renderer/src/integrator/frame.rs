@@ -3,15 +3,11 @@
 use glam::Vec3;
 use treewright_accel::{Hit, Ray};
 
-use super::View;
-use super::lens::Lens;
-use super::morton::decode_2;
-use super::needs::Needs;
-use super::places;
-use super::prepared::Prepared;
-use super::random::PathRandom;
-use super::roulette::Roulette;
 use super::vertex::{Kernel, Path, Shadow, Tracing};
+use super::{
+    View, lens::Lens, morton::decode_2, needs::Needs, places, prepared::Prepared, random::PathRandom,
+    roulette::Roulette,
+};
 use crate::film::{Film, Tile};
 use crate::limits::{BOUNCES_MAX, FIRST_SHADOW_RAYS_MAX, SOLID_WAYS_MAX};
 

@@ -2,8 +2,7 @@
 
 use glam::Vec3;
 
-use super::light_sample::LightSample;
-use super::sampling::uniform_triangle;
+use super::{light_sample::LightSample, sampling::uniform_triangle};
 
 /// An emissive triangle: 64 bytes, one cache line.
 #[derive(Clone, Copy, Debug)]

@@ -1,8 +1,6 @@
 //! Emissive triangles in groups of neighbours: what is learnt of a lantern holds for all its triangles.
 
-use std::cmp::Reverse;
-use std::collections::BinaryHeap;
-use std::ops::Range;
+use std::{cmp::Reverse, collections::BinaryHeap, ops::Range};
 
 use glam::Vec3;
 

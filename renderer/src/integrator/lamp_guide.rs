@@ -10,11 +10,9 @@
 use glam::Vec3;
 use rayon::prelude::*;
 
-use super::lamp::Lamp;
-use super::lamp_groups::LampGroups;
-use super::light_sample::LightSample;
-use super::random::PathRandom;
-use super::surface::Surface;
+use super::{
+    lamp::Lamp, lamp_groups::LampGroups, light_sample::LightSample, random::PathRandom, surface::Surface,
+};
 use crate::limits::{LAMP_CELLS_MAX, LAMP_GROUPS_PER_CELL_MAX};
 
 /// Places of a cell from which its lamps are tried.

@@ -9,12 +9,9 @@ use treewright_scene::builtin::{self, Options};
 
 use super::tests::{quad, scene};
 use crate::film::{Film, Picture};
-use crate::frame::Renderer;
-use crate::integrator::View;
 use crate::light_sampling::{LampChoice, LightSampling, SkyChoice};
-use crate::render_options::RenderOptions;
 use crate::scene::{Camera, Material, Sky, Sun, Volume};
-use crate::space::Choice;
+use crate::{frame::Renderer, integrator::View, render_options::RenderOptions, space::Choice};
 
 const SIZE: [u32; 2] = [24, 16];
 /// Pixels of a square of the picture along either side.

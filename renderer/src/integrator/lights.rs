@@ -10,19 +10,16 @@
 //! gradient is smooth and is left to the surfaces' own sampling unless it was learnt where it is seen. Lamps,
 //! sun and environment maps are also sampled directly. Lights without size are found in no other way.
 
-use std::f32::consts::PI;
-use std::sync::Arc;
+use std::{f32::consts::PI, sync::Arc};
 
 use glam::{Vec2, Vec3, Vec4Swizzles};
 
-use super::environment::SkyTable;
-use super::lamp::Lamp;
 use super::lamp_guide::{LampDraw, LampGuide};
-use super::light_sample::LightSample;
-use super::punctual::PunctualLights;
 use super::sampling::{AliasTable, Basis, luminance, uniform_cone, uniform_triangle};
 use super::sky_guide::{Shares, SkyGuide};
-use super::surface::Surface;
+use super::{
+    environment::SkyTable, lamp::Lamp, light_sample::LightSample, punctual::PunctualLights, surface::Surface,
+};
 use crate::light_sampling::{LampChoice, LightSampling, SkyChoice};
 use crate::scene::{Material, Scene, Sky, Texture};
 

@@ -4,10 +4,8 @@
 use glam::Vec3;
 use treewright_accel::{Intersector, Ray};
 
-use super::Counts;
-use super::frame::Frame;
-use super::shadows::through_sheets;
 use super::vertex::{Path, Shadow, missed};
+use super::{Counts, frame::Frame, shadows::through_sheets};
 
 /// Radiance that arrives along a camera ray.
 pub(super) fn radiance<I: Intersector>(

@@ -1,22 +1,18 @@
 //! A few small frames before the others, from which light sampling learns.
 
-use std::sync::Arc;
-use std::time::Instant;
+use std::{sync::Arc, time::Instant};
 
 use glam::Vec3;
 use rayon::prelude::*;
 use treewright_accel::{Hit, Intersector, Ray};
 
-use super::frame::Frame;
-use super::lamp_guide::LampGuide;
-use super::light_sample::LightSample;
-use super::prepared::Prepared;
-use super::sampling::luminance;
-use super::shadows::through_sheets;
 use super::sky_guide::{Kind, Learnt, LightRecord, SkyGuide};
 use super::surface::{Surface, WorldFacet};
 use super::vertex::{Path, SHADOW_SHARE, Shadow, missed};
-use super::{Counts, View};
+use super::{
+    Counts, View, frame::Frame, lamp_guide::LampGuide, light_sample::LightSample, prepared::Prepared,
+    sampling::luminance, shadows::through_sheets,
+};
 use crate::film::{Film, Tile};
 use crate::light_sampling::LearningTimes;
 

@@ -1,19 +1,15 @@
 //! A scene with the tables that shading needs.
 
-use std::collections::HashMap;
-use std::sync::Arc;
+use std::{collections::HashMap, sync::Arc};
 
 use glam::Vec3;
 use rayon::prelude::*;
 use treewright_accel::wish_for_huge_pages;
 
-use super::bsdf::Bsdf;
-use super::lights::Lights;
-use super::lights::mean_emission;
-use super::needs::Needs;
-use super::sheets::Sheets;
-use super::sky_guide::Learnt;
-use super::surface::Facet;
+use super::{
+    bsdf::Bsdf, lights::Lights, lights::mean_emission, needs::Needs, sheets::Sheets, sky_guide::Learnt,
+    surface::Facet,
+};
 use crate::light_sampling::LightSampling;
 use crate::scene::{Material, Mesh, Scene};
 

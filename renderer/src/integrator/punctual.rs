@@ -139,10 +139,9 @@ fn worth_of(arrival: &Arrival, normal: Vec3) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::integrator::random::PathRandom;
     use crate::integrator::tests::{quad, scene};
-    use crate::integrator::vertex::weight_over_density;
     use crate::scene::{Material, Sky};
+    use crate::{integrator::random::PathRandom, integrator::vertex::weight_over_density};
 
     #[test]
     fn few_and_many_lights_bring_what_all_of_them_bring() {

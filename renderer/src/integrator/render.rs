@@ -1,17 +1,12 @@
 //! One sample of a picture: tiles are handed to threads, each works its tiles off in one of two ways.
 
-use std::cell::RefCell;
 use std::sync::{Mutex, PoisonError};
-use std::time::Instant;
+use std::{cell::RefCell, time::Instant};
 
 use treewright_accel::Intersector;
 
-use super::frame::Frame;
-use super::needs::Needs;
-use super::path;
-use super::prepared::Prepared;
 use super::stages::{self, Buffers};
-use super::{Counts, View};
+use super::{Counts, View, frame::Frame, needs::Needs, path, prepared::Prepared};
 use crate::film::{Film, Tile};
 use crate::render_options::RenderOptions;
 

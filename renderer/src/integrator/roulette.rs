@@ -1,10 +1,8 @@
 //! Rays that bring little, traced with a lower probability for more: an equal expectation for fewer rays
 //! (Arvo and Kirk, Particle Transport and Image Synthesis, SIGGRAPH 1990).
 
-use super::places;
-use super::random::PathRandom;
-use super::sampling::luminance;
 use super::vertex::{Path, Shadow};
+use super::{places, random::PathRandom, sampling::luminance};
 use crate::light_sampling::LightSampling;
 
 /// The thresholds of a frame.

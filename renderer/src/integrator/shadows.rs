@@ -3,11 +3,9 @@
 use glam::Vec3;
 use treewright_accel::{Intersector, Ray};
 
-use super::Counts;
-use super::prepared::Prepared;
-use super::random::PathRandom;
 use super::surface::{Surface, WorldFacet};
 use super::vertex::{DIRECT, Path, Tracing};
+use super::{Counts, prepared::Prepared, random::PathRandom};
 use crate::limits::SHEETS_PER_SEGMENT_MAX;
 
 /// Sheets on the way of a shadow ray are looked up as they are: no ray is thinner.

@@ -12,8 +12,7 @@ use std::sync::Arc;
 
 use glam::{UVec3, Vec3};
 
-use super::lamp_guide::LampGuide;
-use super::sampling::AliasTable;
+use super::{lamp_guide::LampGuide, sampling::AliasTable};
 use crate::light_sampling::LearningTimes;
 
 /// Directions have equal solid angles: around, and by height.

@@ -15,11 +15,8 @@ use glam::Vec3;
 use treewright_accel::Ray;
 
 use super::bsdf::{MIRROR_ROUGHNESS, masking, visible_normal};
-use super::places;
-use super::prepared::Shading;
-use super::sampling::Basis;
-use super::surface::WorldFacet;
 use super::vertex::{Context, END, Next, Path, Shadow};
+use super::{places, prepared::Shading, sampling::Basis, surface::WorldFacet};
 use crate::limits::SOLID_WAYS_MAX;
 
 /// Share of unpolarised light that a smooth surface reflects (Fresnel), and the cosine on the other side.

@@ -10,13 +10,9 @@ use std::ops::Range;
 use glam::Vec3;
 use treewright_accel::{Hit, Intersector, Packets, Ray, prefetch};
 
-use super::Counts;
 use super::chunk::{Chunk, HITS};
-use super::frame::Frame;
-use super::random::PathRandom;
-use super::shadows::through_sheets;
-use super::surface::WorldFacet;
 use super::vertex::{Path, Shadow, missed};
+use super::{Counts, frame::Frame, random::PathRandom, shadows::through_sheets, surface::WorldFacet};
 use crate::film::Tile;
 
 /// Hits by which a facet is fetched ahead: enough to hide a miss behind the gathering of those before.

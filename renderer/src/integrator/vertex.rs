@@ -14,14 +14,11 @@
 use glam::Vec3;
 use treewright_accel::{Hit, Ray};
 
-use super::bsdf::Scatter;
-use super::lamp::solid_angle_pdf;
-use super::needs::Needs;
-use super::places;
-use super::prepared::Prepared;
-use super::random::PathRandom;
 use super::sampling::{Basis, power_heuristic};
 use super::surface::{Surface, WorldFacet};
+use super::{
+    bsdf::Scatter, lamp::solid_angle_pdf, needs::Needs, places, prepared::Prepared, random::PathRandom,
+};
 use crate::limits::SHEETS_PER_SEGMENT_MAX;
 
 /// A shadow ray ends this share before the light, so that it does not meet the light itself.

@@ -7,9 +7,7 @@ use treewright_client::{Configuration, Value};
 
 use super::follow::{self, KeptTree};
 use super::{Backend, Premises};
-use crate::follow::NEVER;
-use crate::light_sampling::LightSampling;
-use crate::render_options::RenderOptions;
+use crate::{follow::NEVER, light_sampling::LightSampling, render_options::RenderOptions};
 
 /// The structure to build, and the way to render with it.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]

@@ -4,8 +4,7 @@
 //! of `treewright analyze` are written this way, and so are the paper's own for its two objectives (section
 //! 4.4).
 
-use std::fmt;
-use std::str::FromStr;
+use std::{fmt, str::FromStr};
 
 use treewright_client::{Condition, Configuration, Domain, Parameter, Value};
 

@@ -10,9 +10,7 @@
 
 use treewright_accel::BuildChoice;
 
-use crate::limits::TRIALS_APART_MAX;
-use crate::scheduling::ThreadTimes;
-use crate::space::Choice;
+use crate::{limits::TRIALS_APART_MAX, scheduling::ThreadTimes, space::Choice};
 
 /// Least frames of a configuration whose mean may stand for new ones.
 const KNOWN_LEAST: usize = 2;

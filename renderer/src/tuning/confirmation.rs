@@ -9,12 +9,10 @@ use std::time::Duration;
 use treewright_client::blocking::{Client, Study};
 use treewright_client::{ClientError, Configuration, OpenEnum, Rule, Source, Standing};
 
-use super::apart::Apart;
 use super::patience::{Patience, PatientTuner};
 use super::search::{self, Iteration, SearchSetting, run_choice};
-use super::verdict::Rival;
-use crate::film::Film;
-use crate::frame::Renderer;
+use super::{apart::Apart, verdict::Rival};
+use crate::{film::Film, frame::Renderer};
 
 /// Rounds of the configurations that anybody would try; the race has more for those that do well in them.
 const ROUNDS: u32 = 2;

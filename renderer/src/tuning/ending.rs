@@ -4,8 +4,7 @@
 //! course of this one so far. That share of the remaining render time is compared here with the time of the
 //! trials.
 
-use std::fmt;
-use std::time::Duration;
+use std::{fmt, time::Duration};
 
 /// Trials before which a search never ends early.
 const TRIALS_LEAST: u32 = 8;

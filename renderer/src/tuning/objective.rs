@@ -4,9 +4,8 @@ use serde::Serialize;
 use treewright_client::{ClientError, Measurements, Policy, StudySpec};
 
 use super::workload;
-use crate::frame::FrameTimes;
-use crate::noise::HALF_SAMPLES;
 use crate::space::{Preset, TuningSpace};
+use crate::{frame::FrameTimes, noise::HALF_SAMPLES};
 
 /// Name of the measurement of a build, in milliseconds.
 pub const BUILD_MS: &str = "build_ms";
@@ -261,8 +260,7 @@ pub fn measurements(times: Option<FrameTimes>, frames: u32, objective: Objective
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::noise::FrameNoise;
-    use crate::space::Premises;
+    use crate::{noise::FrameNoise, space::Premises};
 
     #[test]
     fn a_trial_reports_how_many_frames_it_rendered() {

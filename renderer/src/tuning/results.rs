@@ -3,16 +3,11 @@
 use serde::Serialize;
 use treewright_client::{Configuration, Fingerprint, Indicators, Mode, OpenEnum, Stats};
 
-use super::objective::Objective;
 use super::safety::{Safety, start_cost};
-use super::search::Iteration;
-use super::verdict::Gains;
-use super::who::Who;
-use crate::disturbance::Disturbance;
-use crate::integrator::Omission;
-use crate::measure::Standing;
+use super::{objective::Objective, search::Iteration, verdict::Gains, who::Who};
 use crate::space::{Explained, Preset};
 use crate::statistics::{BreakEven, Ratio, Summary, quantile};
+use crate::{disturbance::Disturbance, integrator::Omission, measure::Standing};
 
 /// A finished run.
 #[derive(Clone, Debug, Serialize)]

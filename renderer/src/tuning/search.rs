@@ -5,8 +5,7 @@
 //! of a search, so a frame that costs more than its trial is allowed
 //! ([`abort_above`](treewright_client::Suggestion::abort_above)) is left unfinished.
 
-use std::sync::Arc;
-use std::time::Instant;
+use std::{sync::Arc, time::Instant};
 
 use serde::Serialize;
 use treewright_accel::BuildError;
@@ -19,13 +18,12 @@ use super::apart::{Apart, Timed};
 use super::objective::{Objective, measurements};
 use super::patience::NextTrial;
 use crate::disturbance::{Disturbance, Watch};
-use crate::film::Film;
 use crate::frame::{FrameTimes, Ready, Renderer, milliseconds};
-use crate::integrator::View;
-use crate::limits::FRAMES_PER_SLOW_BUILD_MAX;
-use crate::scheduling::ThreadTimes;
 use crate::space::{Choice, TuningSpace};
-use crate::statistics::Summary;
+use crate::{
+    film::Film, integrator::View, limits::FRAMES_PER_SLOW_BUILD_MAX, scheduling::ThreadTimes,
+    statistics::Summary,
+};
 
 /// One frame of the search.
 #[derive(Clone, Debug, Serialize)]
@@ -426,8 +424,7 @@ pub(super) mod testing {
 mod tests {
     use super::*;
     use crate::space::{Narrowing, Premises, Preset};
-    use crate::tuning::apart::testing::after;
-    use crate::tuning::verdict::baseline;
+    use crate::{tuning::apart::testing::after, tuning::verdict::baseline};
     use treewright_accel::NativeQuality;
     use treewright_scene::builtin::{self, Options};
 

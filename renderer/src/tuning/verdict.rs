@@ -10,9 +10,8 @@ use serde::Serialize;
 use treewright_accel::NativeQuality;
 use treewright_client::Configuration;
 
-use super::objective::Objective;
-use super::search::SearchOutcome;
 use super::who::{NATIVE_DEFAULT, NativeUse, Who};
+use super::{objective::Objective, search::SearchOutcome};
 use crate::light_sampling::LightSampling;
 use crate::measure::{Contender, Standing};
 use crate::space::{self, Choice, ConfigurationError, Premises, Preset, Start, TuningSpace};

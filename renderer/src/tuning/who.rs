@@ -1,8 +1,7 @@
 //! Who takes part in a comparison. Programs tell contenders apart by what they are; names are for people, and
 //! for files.
 
-use std::borrow::Cow;
-use std::fmt;
+use std::{borrow::Cow, fmt};
 
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use treewright_accel::NativeQuality;

@@ -106,8 +106,7 @@ pub fn reuse_schema() -> (&'static str, f64, f64, Scale) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use treewright_scene::builtin;
-    use treewright_scene::indicators::SceneIndicators;
+    use treewright_scene::{builtin, indicators::SceneIndicators};
 
     #[test]
     fn a_state_has_a_value_for_every_indicator() {

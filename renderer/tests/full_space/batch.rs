@@ -7,11 +7,9 @@ use glam::Vec3;
 use treewright_accel::{BuildChoice, Hit, Intersector, Packets, Ray, Structure, Update};
 use treewright_client::Configuration;
 use treewright_renderer::film::{Film, Picture};
-use treewright_renderer::frame::Renderer;
-use treewright_renderer::integrator::random::PathRandom;
 use treewright_renderer::integrator::{Lens, View};
-use treewright_renderer::render_options::RenderOptions;
 use treewright_renderer::space::{Choice, TuningSpace};
+use treewright_renderer::{frame::Renderer, integrator::random::PathRandom, render_options::RenderOptions};
 use treewright_scene::Scene;
 
 use crate::scenes::Kind;

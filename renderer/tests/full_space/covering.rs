@@ -5,8 +5,7 @@
 //! and Patton, "The AETG System" (1997).
 
 use rand::seq::SliceRandom;
-use rand_chacha::ChaCha8Rng;
-use rand_chacha::rand_core::SeedableRng;
+use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 use treewright_client::{Configuration, Domain, Parameter, Value};
 use treewright_renderer::space::{ConfigurationError, TuningSpace};
 

@@ -1,15 +1,11 @@
 //! Small scenes of every kind: flat, of instances, with masks, and all in motion.
 
-use std::path::Path;
-use std::sync::Arc;
+use std::{path::Path, sync::Arc};
 
 use glam::{Affine3A, Quat, Vec2, Vec3, Vec3A};
 use treewright_accel::{Card, Instance, Mask, Wrap};
 use treewright_scene::assemble::{Assembler, Lighting};
-use treewright_scene::framing::CameraPose;
-use treewright_scene::part::Part;
-use treewright_scene::shapes::Shapes;
-use treewright_scene::{Material, Scene, Sky};
+use treewright_scene::{Material, Scene, Sky, framing::CameraPose, part::Part, shapes::Shapes};
 
 /// The scene that a structure is built over.
 #[derive(Clone, Copy, Debug)]

@@ -18,11 +18,9 @@ use columns::{
 };
 use passes::Passes;
 
-use super::Needs;
-use super::places;
 use super::prepared::{Prepared, Shading};
-use super::surface::WorldFacet;
 use super::vertex::{Next, Path, Shadow, Tracing};
+use super::{Needs, places, surface::WorldFacet};
 
 /// Most hits of a chunk.
 pub(super) const HITS: usize = LANES;

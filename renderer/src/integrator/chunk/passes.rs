@@ -7,15 +7,12 @@ use std::ops::Range;
 
 use treewright_accel::Work;
 
-use super::columns::LANES;
-use super::{Chunk, Columns};
-use crate::integrator::bsdf::Bsdf;
-use crate::integrator::lamp::Lamp;
-use crate::integrator::lights::Lights;
+use super::{Chunk, Columns, columns::LANES};
 use crate::integrator::sampling::{Basis, cosine_hemisphere};
 use crate::integrator::surface::{Surface, barycentric, facing, guarded, interpolated, offset, unit_normal};
 use crate::integrator::vertex::{SHADOW_SHARE, density_of_finding, weight_over_density};
 use crate::integrator::{LightSample, Needs};
+use crate::{integrator::bsdf::Bsdf, integrator::lamp::Lamp, integrator::lights::Lights};
 use glam::Vec3;
 
 pub(super) struct Passes<'a> {
