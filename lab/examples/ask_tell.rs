@@ -13,18 +13,14 @@
 //! Studies that are opened here have one metric, `cost`. A refused request is answered by `{"error": "…"}`.
 //! `nanoseconds` in each answer is the core's own time, without reading and writing.
 
-use std::collections::BTreeMap;
 use std::io::{BufRead, Write};
-use std::sync::Arc;
-use std::time::Instant;
+use std::{collections::BTreeMap, sync::Arc, time::Instant};
 
 use serde::Deserialize;
 use serde_json::{Value as Json, json};
-use treewright_core::configuration::Configuration;
-use treewright_core::study::StudySpec;
 use treewright_core::trial::{Outcome, Trial};
 use treewright_core::tuner::{Ask, Tuner};
-use treewright_core::value::Value;
+use treewright_core::{configuration::Configuration, study::StudySpec, value::Value};
 use treewright_lab::simulated::METRIC;
 
 #[derive(Deserialize)]

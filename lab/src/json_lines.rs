@@ -3,12 +3,9 @@
 //! Lines are only added, each on the disk before the next measurement begins. One that a killed run left
 //! unfinished does not count. It is cut off before more are added, and its work done again.
 
-use std::fs::OpenOptions;
-use std::io::Write as _;
-use std::path::Path;
+use std::{fs::OpenOptions, io::Write as _, path::Path};
 
-use serde::de::DeserializeOwned;
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Serialize, de::DeserializeOwned};
 use treewright_render_cli::error::CliError;
 
 /// How the first line of every record begins.

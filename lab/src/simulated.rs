@@ -3,11 +3,10 @@
 use std::collections::BTreeMap;
 
 use rand::{Rng, RngExt as _};
-use treewright_core::policy::Policy;
 use treewright_core::space::{Domain, Parameter, Scale, Space};
-use treewright_core::study::StudySpec;
 use treewright_core::trial::{Outcome, Trial};
 use treewright_core::tuner::{Ask, Tuner};
+use treewright_core::{policy::Policy, study::StudySpec};
 
 /// The one metric of a simulated study.
 pub const METRIC: &str = "cost";

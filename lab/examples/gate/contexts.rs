@@ -3,17 +3,13 @@
 //! Four parameters, whose best values move with two indicators; 5 % of noise; the policy's defaults. Regret
 //! is the true cost over the least in that context, less one. The best fixed configuration has 0.57.
 
-use std::collections::BTreeMap;
-use std::f64::consts::PI;
-use std::sync::Arc;
+use std::{collections::BTreeMap, f64::consts::PI, sync::Arc};
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use treewright_core::policy::Policy;
-use treewright_core::space::Space;
 use treewright_core::trial::{Fingerprint, Trial};
 use treewright_core::tuner::{Ask, Tuner};
-use treewright_core::value::Value;
+use treewright_core::{policy::Policy, space::Space, value::Value};
 use treewright_lab::simulated::{mean, normal, report, share, study};
 
 use crate::Figures;

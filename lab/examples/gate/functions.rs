@@ -5,9 +5,7 @@
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use treewright_core::configuration::Configuration;
-use treewright_core::space::Space;
-use treewright_core::value::Value;
+use treewright_core::{configuration::Configuration, space::Space, value::Value};
 use treewright_lab::simulated::{normal, share};
 
 use crate::problem::Problem;

@@ -7,9 +7,8 @@
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use treewright_core::configuration::Configuration;
 use treewright_core::space::{Condition, Domain, Parameter, Scale, Space};
-use treewright_core::value::Value;
+use treewright_core::{configuration::Configuration, value::Value};
 use treewright_lab::simulated::share;
 
 use crate::problem::Problem;

@@ -31,14 +31,11 @@ mod table;
 mod trees;
 mod world;
 
-use std::collections::BTreeMap;
-use std::process::ExitCode;
-use std::sync::OnceLock;
+use std::{collections::BTreeMap, process::ExitCode, sync::OnceLock};
 
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
-use treewright_core::policy::SearchMethod;
-use treewright_core::words::Word as _;
+use treewright_core::{policy::SearchMethod, words::Word as _};
 
 use problem::Problem;
 use run::Played;

@@ -1,8 +1,7 @@
 //! Landscapes with known costs, for searches.
 
 use rand::{Rng, RngExt};
-use treewright_core::configuration::Configuration;
-use treewright_core::space::Space;
+use treewright_core::{configuration::Configuration, space::Space};
 
 /// A cost without noise; `None` where a configuration cannot be run.
 pub(crate) type Truth = Box<dyn Fn(&Configuration) -> Option<f64> + Send + Sync>;

@@ -4,12 +4,8 @@ use std::sync::Arc;
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
-use treewright_core::configuration::Configuration;
 use treewright_core::policy::{Operation, Policy};
-use treewright_core::space::Space;
-use treewright_core::trial::Trial;
-use treewright_core::tuner::Tuner;
-use treewright_core::value::Value;
+use treewright_core::{configuration::Configuration, space::Space, trial::Trial, tuner::Tuner, value::Value};
 use treewright_lab::simulated::{ask, normal, report, study};
 
 use crate::Figures;

@@ -3,9 +3,7 @@
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use treewright_core::configuration::Configuration;
-use treewright_core::space::Space;
-use treewright_core::value::Value;
+use treewright_core::{configuration::Configuration, space::Space, value::Value};
 
 use crate::problem::Problem;
 

@@ -1,17 +1,13 @@
 //! Worlds whose costs are known, and machines that are quiet or are not.
 
-use std::collections::BTreeMap;
-use std::sync::Arc;
+use std::{collections::BTreeMap, sync::Arc};
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use treewright_core::configuration::Configuration;
-use treewright_core::policy::Policy;
-use treewright_core::space::Space;
-use treewright_core::study::StudySpec;
 use treewright_core::trial::{Outcome, Rule};
-use treewright_core::tuner::Tuner;
-use treewright_core::value::Value;
+use treewright_core::{
+    configuration::Configuration, policy::Policy, space::Space, study::StudySpec, tuner::Tuner, value::Value,
+};
 use treewright_lab::simulated::{METRIC, ask, normal, study};
 
 /// The noise of a measurement: the standard deviation of its logarithm.

@@ -4,25 +4,19 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use super::bar;
 use super::converge_entrants::{Chosen, EntrantArguments};
-use super::converge_output;
+use super::{bar, converge_output};
 use crate::converge::curve::{ComparisonPlan, Entrant, compare};
 use crate::converge::equal_error::{BASELINES, equal_error};
-use crate::converge::metrics::Yardstick;
 use crate::converge::reference::{Reference, TRUSTED_FROM};
 use crate::converge::results::{ComparisonResults, ContenderResult, ReferenceFacts};
-use crate::geometry::geometry_hash;
+use crate::{converge::metrics::Yardstick, geometry::geometry_hash};
 use treewright_render_cli::arguments::{Size, ViewArguments};
 use treewright_render_cli::error::{CliError, check_folder, write_file};
-use treewright_render_cli::interrupt::Interrupt;
-use treewright_render_cli::output;
-use treewright_render_cli::server::machine;
-use treewright_renderer::frame::Renderer;
-use treewright_renderer::integrator::View;
+use treewright_render_cli::{interrupt::Interrupt, output, server::machine};
 use treewright_renderer::limits::{CONTENDERS_MAX, RUNS_MAX, SAMPLES_MAX, SECONDS_MAX};
 use treewright_renderer::space::{Premises, Preset, TuningSpace};
-use treewright_renderer::tuning::results::SceneFacts;
+use treewright_renderer::{frame::Renderer, integrator::View, tuning::results::SceneFacts};
 
 const MORE_HELP: &str = "\
 A reference is rendered first, with very many samples; it stands for the truth. \

@@ -11,11 +11,10 @@ use treewright_client::Configuration;
 use crate::converge::curve::Entrant;
 use treewright_render_cli::arguments::{SpaceArguments, read_configuration};
 use treewright_render_cli::error::CliError;
-use treewright_renderer::measure::Contender;
 use treewright_renderer::space::{self, Choice, Premises, Preset, TuningSpace};
-use treewright_renderer::tuning::objective::Objective;
 use treewright_renderer::tuning::verdict::{self, Rival};
 use treewright_renderer::tuning::who::{NATIVE_DEFAULT, Who};
+use treewright_renderer::{measure::Contender, tuning::objective::Objective};
 
 /// Which configurations take part besides those that always do.
 #[derive(Args, Clone, Debug)]

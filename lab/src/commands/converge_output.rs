@@ -1,8 +1,7 @@
 //! The output of `converge` at the end.
 
 use crate::converge::bootstrap::{Interval, in_words};
-use crate::converge::equal_error::EqualError;
-use crate::converge::results::ComparisonResults;
+use crate::{converge::equal_error::EqualError, converge::results::ComparisonResults};
 use treewright_render_cli::output;
 use treewright_renderer::tuning::who::{NATIVE_DEFAULT, Who};
 

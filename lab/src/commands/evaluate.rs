@@ -3,10 +3,8 @@
 use std::sync::Arc;
 
 use clap::{Args, Subcommand};
-use treewright_render_cli::error::CliError;
-use treewright_render_cli::interrupt::Interrupt;
-use treewright_renderer::limits::ROUNDS_MAX;
-use treewright_renderer::tuning::objective::Objective;
+use treewright_render_cli::{error::CliError, interrupt::Interrupt};
+use treewright_renderer::{limits::ROUNDS_MAX, tuning::objective::Objective};
 
 use super::evaluate_parameters as parameters;
 use super::evaluate_parameters::ParametersArguments;

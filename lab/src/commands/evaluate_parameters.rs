@@ -4,11 +4,8 @@ use std::sync::Arc;
 
 use clap::{Args, ValueEnum};
 use treewright_client::Configuration;
-use treewright_render_cli::error::CliError;
-use treewright_render_cli::interrupt::Interrupt;
-use treewright_renderer::limits::ROUNDS_MAX;
-use treewright_renderer::space::TuningSpace;
-use treewright_renderer::tuning::objective::Objective;
+use treewright_render_cli::{error::CliError, interrupt::Interrupt};
+use treewright_renderer::{limits::ROUNDS_MAX, space::TuningSpace, tuning::objective::Objective};
 use treewright_scene::Scene;
 
 use super::evaluate_setup::{ConditionArguments, space, take_all};

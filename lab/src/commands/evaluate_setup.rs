@@ -11,9 +11,8 @@ use treewright_render_cli::error::{CliError, check_folder};
 use treewright_renderer::limits::{ITERATIONS_MAX, THREADS_MAX};
 use treewright_renderer::space::{Premises, Preset, TuningSpace};
 
-use crate::evaluation::measure::best_within;
 use crate::evaluation::record::{Clock, Conditions, OpenRecord, Place, Record, VERSION};
-use crate::leave_scene_out::suite::Entry;
+use crate::{evaluation::measure::best_within, leave_scene_out::suite::Entry};
 
 /// Scenes of this program that stand in for those of the paper that cannot be had, in about their sizes.
 const BUILT_IN: [&str; 2] = ["gallery=builtin:gallery:1:7", "voxels=builtin:voxels:0.6:7"];

@@ -5,11 +5,8 @@ use std::process::Command;
 
 use clap::Args;
 use serde::Serialize;
-use treewright_render_cli::arguments::Size;
 use treewright_render_cli::error::{CliError, check_folder};
-use treewright_render_cli::interrupt::Interrupt;
-use treewright_render_cli::output;
-use treewright_render_cli::server::machine;
+use treewright_render_cli::{arguments::Size, interrupt::Interrupt, output, server::machine};
 use treewright_renderer::limits::{ROUNDS_MAX, THREADS_MAX};
 
 use super::evaluate_setup::{SceneArguments, take_all};

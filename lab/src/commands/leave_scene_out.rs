@@ -1,20 +1,15 @@
 //! `treewright-lab leave-scene-out`: the gain from the service on scenes that it has never seen.
 
-use std::path::PathBuf;
-use std::time::Instant;
+use std::{path::PathBuf, time::Instant};
 
 use clap::Args;
 use serde::Serialize;
 use treewright_client::Configuration;
 use treewright_render_cli::error::{CliError, write_file};
-use treewright_render_cli::interrupt::Interrupt;
-use treewright_render_cli::output;
-use treewright_render_cli::server::machine;
-use treewright_renderer::limits::ROUNDS_MAX;
+use treewright_render_cli::{interrupt::Interrupt, output, server::machine};
 use treewright_renderer::statistics::{Ratio, Summary};
-use treewright_renderer::tuning::objective::Objective;
 use treewright_renderer::tuning::safety::{DEAR_ABOVE, Safety};
-use treewright_renderer::tuning::who::NATIVE_DEFAULT;
+use treewright_renderer::{limits::ROUNDS_MAX, tuning::objective::Objective, tuning::who::NATIVE_DEFAULT};
 
 use super::evaluate_setup::{SceneArguments, with_versions};
 use crate::leave_scene_out::book::{Book, OpenBook, RecordedRounds, SceneFacts};

@@ -13,9 +13,7 @@ mod verify_answers;
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
-use treewright_render_cli::error::CliError;
-use treewright_render_cli::manual::ManualCommand;
-use treewright_render_cli::{carry_out, output, parse_arguments};
+use treewright_render_cli::{carry_out, error::CliError, manual::ManualCommand, output, parse_arguments};
 
 const EXAMPLES: &str = "\
 Examples:

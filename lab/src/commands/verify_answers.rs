@@ -2,18 +2,14 @@
 //! with the searches.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::path::PathBuf;
-use std::sync::Arc;
+use std::{path::PathBuf, sync::Arc};
 
 use clap::Args;
 use rayon::iter::{IntoParallelRefIterator as _, ParallelIterator as _};
 use treewright_client::Configuration;
 use treewright_render_cli::error::{CliError, write_file};
-use treewright_render_cli::interrupt::Interrupt;
-use treewright_render_cli::output;
-use treewright_renderer::limits::ROUNDS_MAX;
-use treewright_renderer::space::TuningSpace;
-use treewright_renderer::tuning::objective::Objective;
+use treewright_render_cli::{interrupt::Interrupt, output};
+use treewright_renderer::{limits::ROUNDS_MAX, space::TuningSpace, tuning::objective::Objective};
 
 use super::evaluate_setup::{SceneArguments, add_found, space, take_all};
 use crate::evaluation::answers::{Answers, School};
@@ -22,8 +18,7 @@ use crate::evaluation::judge::{Verdict, best_fixed, judge};
 use crate::evaluation::measure::{MILESTONES, Stage};
 use crate::evaluation::page::{Report, html, tables};
 use crate::evaluation::record::{GroupKind, Line, METHOD, OpenRecord, Place, Record, Search};
-use crate::evaluation::summary::standings;
-use crate::leave_scene_out::suite::Entry;
+use crate::{evaluation::summary::standings, leave_scene_out::suite::Entry};
 
 /// Seed of the random splits.
 const FOLD_SEED: u64 = 1;

@@ -9,13 +9,10 @@ use serde::Serialize;
 use treewright_accel::Structure;
 
 use super::metrics::Yardstick;
-use treewright_renderer::film::Film;
-use treewright_renderer::frame::Renderer;
-use treewright_renderer::integrator::View;
-use treewright_renderer::measure::Contender;
-use treewright_renderer::render_options::RenderOptions;
-use treewright_renderer::space::Choice;
-use treewright_renderer::tuning::who::Who;
+use treewright_renderer::{
+    film::Film, frame::Renderer, integrator::View, measure::Contender, render_options::RenderOptions,
+    space::Choice, tuning::who::Who,
+};
 
 /// A contender, and the time that the search for its configuration took.
 #[derive(Clone, Debug)]
@@ -242,8 +239,7 @@ mod tests {
     use treewright_accel::{BuildChoice, NativeOptions, NativeQuality, TreeParameters};
 
     use super::*;
-    use crate::converge::reference::Reference;
-    use crate::converge::testing::matt_scene;
+    use crate::{converge::reference::Reference, converge::testing::matt_scene};
 
     #[test]
     fn checkpoints_are_powers_of_the_root_of_two() {

@@ -28,9 +28,7 @@ mod testing {
     use std::sync::Arc;
 
     use treewright_accel::BuildChoice;
-    use treewright_renderer::frame::Renderer;
-    use treewright_renderer::integrator::View;
-    use treewright_renderer::tuning::who::Who;
+    use treewright_renderer::{frame::Renderer, integrator::View, tuning::who::Who};
     use treewright_scene::{Material, builtin};
 
     use super::curve::{Curve, Point, Run};

@@ -7,9 +7,7 @@
 use treewright_accel::Structure;
 
 use treewright_renderer::film::{Film, Picture};
-use treewright_renderer::frame::Renderer;
-use treewright_renderer::integrator::View;
-use treewright_renderer::render_options::RenderOptions;
+use treewright_renderer::{frame::Renderer, integrator::View, render_options::RenderOptions};
 
 use super::metrics::Yardstick;
 

@@ -11,22 +11,20 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 use treewright_client::{Configuration, Indicator, Outcome};
-use treewright_core::configuration::Configuration as Checked;
 use treewright_core::ids::{MachineId, StateId};
-use treewright_core::indicator::IndicatorSchema;
-use treewright_core::machines::Machines;
 use treewright_core::objective::{Objective as StudyObjective, ObjectiveTerm};
 use treewright_core::policy::{Policy, PredictorMethod};
 use treewright_core::predict::{Lesson, METHODS, Predictors, Query, StateIndex};
 use treewright_core::results::{KnownState, ResultTable};
-use treewright_core::search::Verdict;
-use treewright_core::space::Space;
 use treewright_core::study::{STATE_TOLERANCE_DEFAULT, StudySpec};
 use treewright_core::trial::{Trial, TrialState};
 use treewright_core::tuner::{Ask, Tuner};
+use treewright_core::{
+    configuration::Configuration as Checked, indicator::IndicatorSchema, machines::Machines, search::Verdict,
+    space::Space,
+};
 use treewright_render_cli::error::CliError;
-use treewright_renderer::tuning::objective::Objective;
-use treewright_renderer::tuning::workload;
+use treewright_renderer::{tuning::objective::Objective, tuning::workload};
 
 use super::folds::Fold;
 use super::record::{Place, Search, cost};
@@ -341,8 +339,7 @@ fn template(
 mod tests {
     use treewright_renderer::space::{TuningSpace, parse};
 
-    use super::super::folds::Split;
-    use super::super::testing;
+    use super::super::{folds::Split, testing};
     use super::*;
 
     /// A state in the middle of every indicator's range, but for the triangles.

@@ -1,23 +1,17 @@
 //! A search at one place, and groups of configurations in interleaved rounds.
 
-use std::collections::BTreeMap;
-use std::sync::Arc;
+use std::{collections::BTreeMap, sync::Arc};
 
 use treewright_client::{Configuration, Indicators, Outcome};
 use treewright_core::search::{AnySearch, Feedback, SearchSetup, Verdict};
 use treewright_render_cli::error::CliError;
-use treewright_renderer::disturbance::Watch;
-use treewright_renderer::film::Film;
 use treewright_renderer::frame::{FrameTimes, Renderer};
-use treewright_renderer::integrator::View;
-use treewright_renderer::space::TuningSpace;
-use treewright_renderer::tuning::objective::Objective;
 use treewright_renderer::tuning::search::{SearchSetting, trial};
-use treewright_renderer::tuning::verdict;
-use treewright_renderer::tuning::workload::Workload;
-use treewright_scene::camera_path::CameraPath;
-use treewright_scene::indicators::SceneIndicators;
-use treewright_scene::{Camera, Scene};
+use treewright_renderer::{
+    disturbance::Watch, film::Film, integrator::View, space::TuningSpace, tuning::objective::Objective,
+    tuning::verdict, tuning::workload::Workload,
+};
+use treewright_scene::{Camera, Scene, camera_path::CameraPath, indicators::SceneIndicators};
 
 use super::record::{
     Conditions, Group, GroupKind, Iteration, METHOD, Member, Place, Provenance, Record, Search, cost,

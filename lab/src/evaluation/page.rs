@@ -1,22 +1,17 @@
 //! The evaluation in words, tables and figures: one page without anything from outside, and the numbers
 //! behind it as CSV.
 
-use std::collections::BTreeMap;
-use std::fmt::Write as _;
+use std::{collections::BTreeMap, fmt::Write as _};
 
 use treewright_figures::escaped;
-use treewright_renderer::space::TuningSpace;
-use treewright_renderer::tuning::objective::Objective;
+use treewright_renderer::{space::TuningSpace, tuning::objective::Objective};
 
 use super::answers::{SERVICE, entrants};
 use super::figures::{boxes, break_even, curve};
-use super::folds::Split;
 use super::judge::{BreakEven, Verdict};
 use super::markup::{self, card};
-use super::part_page;
-use super::progress_figures;
-use super::record::Record;
 use super::summary::{Mean, Standing, mean_of, standings};
+use super::{folds::Split, part_page, progress_figures, record::Record};
 
 /// More of other programs than this on average, and times are called disturbed.
 const OTHER_CORES: f64 = 0.25;

@@ -6,9 +6,8 @@ use treewright_figures::{Axis, Colour, Dot, Figure, Stroke};
 use treewright_renderer::statistics::{Ratio, Summary};
 use treewright_renderer::tuning::objective::Objective;
 
-use super::figures::WIDTH;
-use super::parts::Part;
 use super::record::{Group, Member, PartSearch, Record, Versus, cost};
+use super::{figures::WIDTH, parts::Part};
 use crate::converge::bootstrap::student;
 
 /// Confidence of the bands in Figure 9.

@@ -5,8 +5,7 @@ use std::fmt::Write as _;
 
 use treewright_client::Configuration;
 use treewright_figures::escaped;
-use treewright_renderer::space::TuningSpace;
-use treewright_renderer::statistics::Summary;
+use treewright_renderer::{space::TuningSpace, statistics::Summary};
 
 use super::markup::{card, table};
 use super::part_figures::{
@@ -229,9 +228,8 @@ fn needles_section(record: &Record) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::super::parts::compared;
-    use super::super::record::Line;
     use super::super::testing::{conditions, group, search};
+    use super::super::{parts::compared, record::Line};
     use super::*;
 
     #[test]

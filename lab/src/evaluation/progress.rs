@@ -7,14 +7,12 @@
 //! record lacks those rounds there is no cost.
 
 use serde::Serialize;
-use treewright_renderer::statistics::quantile;
-use treewright_renderer::tuning::objective::Objective;
+use treewright_renderer::{statistics::quantile, tuning::objective::Objective};
 
-use super::folds::Split;
-use super::judge::Verdict;
 use super::measure::{MILESTONES, best_within};
 use super::record::{GroupKind, Record, Search};
 use super::summary::{Mean, mean, mean_of};
+use super::{folds::Split, judge::Verdict};
 
 /// Whose cost it is.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -121,11 +119,9 @@ mod tests {
 
     use treewright_client::Configuration;
 
-    use super::super::answers::Answers;
-    use super::super::folds::Fold;
-    use super::super::judge::judge;
     use super::super::record::{Line, Place};
     use super::super::testing::{conditions, group, numbered, place, search};
+    use super::super::{answers::Answers, folds::Fold, judge::judge};
     use super::*;
 
     const SCENES: [&str; 3] = ["attic", "barn", "cellar"];

@@ -4,17 +4,12 @@
 use std::fmt::Write as _;
 
 use treewright_figures::{Axis, Colour, Figure, Stroke, escaped, number};
-use treewright_renderer::statistics::Summary;
-use treewright_renderer::tuning::objective::Objective;
+use treewright_renderer::{statistics::Summary, tuning::objective::Objective};
 
-use super::answers::SERVICE;
-use super::figures::WIDTH;
-use super::folds::Split;
-use super::judge::Verdict;
 use super::markup::{self, card};
 use super::progress::{DEFAULT, Moment, SEARCH, of_searches, reached, without_search};
 use super::record::{GroupKind, Place, Record, cost};
-use super::summary::Mean;
+use super::{answers::SERVICE, figures::WIDTH, folds::Split, judge::Verdict, summary::Mean};
 
 /// The paper's two predictors and the service, whom the curves of searches are shown beside.
 const BESIDE: [(&str, Colour); 3] =

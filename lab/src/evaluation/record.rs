@@ -13,9 +13,7 @@ use serde::{Deserialize, Serialize};
 use treewright_client::{Configuration, Fingerprint, Outcome};
 use treewright_core::policy::SearchMethod;
 use treewright_render_cli::error::CliError;
-use treewright_renderer::frame::FrameTimes;
-use treewright_renderer::statistics::Summary;
-use treewright_renderer::tuning::objective::Objective;
+use treewright_renderer::{frame::FrameTimes, statistics::Summary, tuning::objective::Objective};
 
 use crate::json_lines::{self, wrong};
 

@@ -7,12 +7,10 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use serde::Serialize;
-use treewright_renderer::statistics::quantile;
-use treewright_renderer::tuning::objective::Objective;
+use treewright_renderer::{statistics::quantile, tuning::objective::Objective};
 
-use super::folds::Split;
 use super::judge::{BreakEven, Row, Verdict};
-use super::record::Place;
+use super::{folds::Split, record::Place};
 use crate::converge::bootstrap::{geometric, resampled};
 
 const RESAMPLES: usize = 2000;

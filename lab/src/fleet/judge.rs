@@ -93,8 +93,7 @@ fn speedup(asked: &[&At<RecordedRounds>], who: &Who, other: &Who) -> Option<Inte
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::fleet::record::tests::conditions;
-    use crate::leave_scene_out::book::RecordedContender;
+    use crate::{fleet::record::tests::conditions, leave_scene_out::book::RecordedContender};
 
     /// Builds are too short to count.
     fn contender(who: Who, render_ms: f64) -> RecordedContender {

@@ -1,22 +1,18 @@
 //! Searches of emulated machines, and each predictor's answers to a scene that no machine has seen.
 //! Everything here runs in a process that is kept to the machine's instruction set.
 
-use std::borrow::Cow;
-use std::collections::BTreeMap;
-use std::collections::btree_map::Entry;
+use std::{borrow::Cow, collections::BTreeMap, collections::btree_map::Entry};
 
 use treewright_client::Options;
 use treewright_client::blocking::{Client, Study};
 use treewright_render_cli::error::CliError;
-use treewright_renderer::tuning::objective::Objective;
-use treewright_renderer::tuning::who::Who;
+use treewright_renderer::{tuning::objective::Objective, tuning::who::Who};
 
 use super::machines::{Level, Machine};
 use super::record::{At, Conditions, Record};
 use crate::leave_scene_out::book::{RecordedRounds, RecordedSearch};
-use crate::leave_scene_out::daemon::Daemon;
-use crate::leave_scene_out::hand;
 use crate::leave_scene_out::steps::{DEADLINE, Stage, join, space, tell};
+use crate::{leave_scene_out::daemon::Daemon, leave_scene_out::hand};
 
 /// The objective: frames that share a build, as in the paper's section 7.1.2.
 const OBJECTIVE: Objective = Objective::Render;

@@ -10,9 +10,7 @@ use serde::{Deserialize, Serialize};
 use treewright_client::{Configuration, Fingerprint, Indicators, Outcome};
 use treewright_render_cli::error::{CliError, write_file};
 use treewright_render_cli::output;
-use treewright_renderer::frame::FrameTimes;
-use treewright_renderer::measure::Measured;
-use treewright_renderer::tuning::who::Who;
+use treewright_renderer::{frame::FrameTimes, measure::Measured, tuning::who::Who};
 
 /// Everything so far.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]

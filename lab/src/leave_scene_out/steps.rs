@@ -1,32 +1,24 @@
 //! The measurements. Every step takes a loaded scene and adds its results to the book.
 
-use std::collections::BTreeMap;
-use std::sync::Arc;
-use std::time::Duration;
+use std::{collections::BTreeMap, sync::Arc, time::Duration};
 
 use treewright_client::blocking::{Client, Study};
 use treewright_client::{Indicators, Options, Policy, Prediction, SessionPolicy};
-use treewright_render_cli::error::CliError;
-use treewright_render_cli::interrupt::Interrupt;
-use treewright_render_cli::server::machine;
-use treewright_renderer::disturbance::Watch;
-use treewright_renderer::frame::Renderer;
-use treewright_renderer::integrator::View;
+use treewright_render_cli::{error::CliError, interrupt::Interrupt, server::machine};
 use treewright_renderer::measure::{Conditions, Contender, Yardstick, interleaved};
 use treewright_renderer::space::{Premises, Preset, TuningSpace};
 use treewright_renderer::tuning::objective::{Objective, measurements, specification, study_id};
 use treewright_renderer::tuning::search::{self, SearchSetting};
 use treewright_renderer::tuning::verdict::{self, Rival};
 use treewright_renderer::tuning::who::{NATIVE_DEFAULT, Who};
-use treewright_renderer::tuning::workload::Workload;
-use treewright_scene::Scene;
-use treewright_scene::indicators::SceneIndicators;
+use treewright_renderer::{
+    disturbance::Watch, frame::Renderer, integrator::View, tuning::workload::Workload,
+};
+use treewright_scene::{Scene, indicators::SceneIndicators};
 
 use super::book::{Book, RecordedContender, RecordedRounds, RecordedSearch, RecordedTrial};
-use super::daemon::Daemon;
-use super::hand;
 use super::judge::{self, ALONE, CANDIDATES, FIXED_OF_OTHERS, LEFT_OUT, key};
-use super::suite::Context;
+use super::{daemon::Daemon, hand, suite::Context};
 
 /// Numbers of reported trials after which the service is asked for the best.
 pub(crate) const CHECKPOINTS: [u32; 5] = [1, 8, 16, 32, 60];

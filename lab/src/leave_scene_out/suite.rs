@@ -1,8 +1,6 @@
 //! The scenes and settings of the measurement.
 
-use std::fmt;
-use std::str::FromStr;
-use std::sync::Arc;
+use std::{fmt, str::FromStr, sync::Arc};
 
 use treewright_render_cli::arguments::{SceneArguments, Size};
 use treewright_render_cli::error::CliError;

@@ -1,8 +1,7 @@
 //! The paper's evaluation as a user runs it, small: recorded in pieces, judged twice to equal bytes, and its
 //! page.
 
-use std::collections::BTreeMap;
-use std::path::Path;
+use std::{collections::BTreeMap, path::Path};
 
 use crate::program::{FAILED, USAGE, fails, folder, run, succeeds};
 

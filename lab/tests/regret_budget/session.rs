@@ -1,16 +1,14 @@
 //! A simulated renderer, for judging the regret budget: its machine changes its speed, its frames vary, and
 //! its states are the worst that can be.
 
-use std::collections::BTreeMap;
-use std::sync::Arc;
+use std::{collections::BTreeMap, sync::Arc};
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use treewright_core::policy::{Policy, SearchMethod};
-use treewright_core::space::Space;
 use treewright_core::trial::{Mode, Outcome, Trial};
 use treewright_core::tuner::{Ask, Tuner};
-use treewright_core::value::Value;
+use treewright_core::{space::Space, value::Value};
 use treewright_lab::simulated::{METRIC, ask, normal, share, study};
 
 /// Kinds of change of the machine's speed.
