@@ -25,8 +25,7 @@ pub fn begin(path: &Path, conditions: &impl Serialize) -> Result<(), CliError> {
     if is_begun(path)? { Ok(()) } else { add(path, &Head { conditions }) }
 }
 
-/// Whether there is something in a file that is not to be lost. A record whose first line was left unfinished
-/// is begun again.
+/// Whether a file holds something that must not be lost. An unfinished first line is not such.
 fn is_begun(path: &Path) -> Result<bool, CliError> {
     if !path.exists() {
         return Ok(false);

@@ -44,8 +44,7 @@ fn main() {
     println!("cargo::metadata=LIB_DIR={}", run_folder.display());
 }
 
-/// Sets `kernels_NAME` for each instruction set that queries are compiled for, and `fewer_kernels` where some
-/// are left out.
+/// Sets `kernels_NAME` for each compiled instruction set, and `fewer_kernels` where some are left out.
 fn choose_kernels() {
     println!("cargo::rerun-if-env-changed=TREEWRIGHT_KERNELS");
     println!("cargo::rustc-check-cfg=cfg(fewer_kernels)");

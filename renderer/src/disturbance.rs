@@ -125,8 +125,7 @@ fn of_everybody(stat: &str, allowed: &[usize]) -> Option<f64> {
     stat.starts_with("cpu").then_some(busy)
 }
 
-/// User and system time of a process with all its threads: columns 14 and 15. The second column is a name in
-/// brackets that may hold anything.
+/// User and system time of a process: columns 14 and 15 after a name in brackets of any kind.
 fn of_process(stat: &str) -> Option<f64> {
     let mut columns = stat.rsplit_once(')')?.1.split_whitespace().skip(11);
     let mut next = || columns.next()?.parse::<f64>().ok();

@@ -38,8 +38,7 @@ pub struct FrameTimes {
     /// Processor time of the render threads during the frame.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub render_cpu_ms: Option<f64>,
-    /// Time that all threads together waited for a processor during the build; absent where the system does
-    /// not report it.
+    /// Time that all threads together waited for a processor during the build, where it is known.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub build_delay_ms: Option<f64>,
     /// Time that the render threads together waited for a processor during the frame.
@@ -48,8 +47,7 @@ pub struct FrameTimes {
     /// The number of trials that the structure had served before; absent if it was built for this one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub trials_before: Option<u32>,
-    /// The number of frames whose median is the rendering time; absent if it is the requested one. 0 where
-    /// that time is the mean of earlier trials.
+    /// Frames whose median is the rendering time, if not the requested ones; 0 for earlier trials' mean.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub frames: Option<u32>,
     /// Time of frames in the second half of an episode over that in its first.
@@ -83,8 +81,7 @@ impl FrameTimes {
         }
     }
 
-    /// The wall-clock times as if no thread had waited for a processor ([`undelayed_ms`]); the measured ones
-    /// where that is not known.
+    /// The wall-clock times without waiting for processors ([`undelayed_ms`]), where that is known.
     #[must_use]
     pub fn undelayed(self) -> Self {
         let undelayed = |wall_ms: f64, cpu_ms: Option<f64>, delay_ms: Option<f64>| {
@@ -245,8 +242,7 @@ impl Renderer {
         Some(learning)
     }
 
-    /// Measures time and noise of a frame in the view that was [studied](Self::study_view). `None` if none
-    /// was.
+    /// Time and noise of a frame in the view that was [studied](Self::study_view). `None` if none was.
     pub fn noisy_frame(
         &self,
         structure: &Structure,
@@ -289,8 +285,7 @@ impl Renderer {
         Some(Squares::of(halves.each_ref()))
     }
 
-    /// Two pictures that are drawn independently, of `samples` samples each, and the milliseconds of each
-    /// sample.
+    /// Two independent pictures of `samples` samples each, and the milliseconds of each sample.
     fn halves(
         &self,
         structure: &Structure,
@@ -350,8 +345,7 @@ impl Renderer {
         Ok((structure, milliseconds(begin)))
     }
 
-    /// Builds a structure and keeps it for the frames to come; returns `build_ms`. If the build fails, the
-    /// last good structure is kept.
+    /// Builds a structure for the frames to come; returns `build_ms`. After a failure the last one is kept.
     pub fn rebuild(&mut self, choice: &BuildChoice) -> Result<f64, BuildError> {
         self.make_ready(choice, false).map(|ready| ready.build_ms)
     }
@@ -434,8 +428,7 @@ impl Renderer {
         self.current.as_ref().map(|built| &built.structure)
     }
 
-    /// Memory of the kept structure in bytes. The first call after a build walks through the structure:
-    /// milliseconds per million triangles.
+    /// Bytes of the kept structure. The first call walks it: milliseconds per million triangles.
     pub fn structure_bytes(&self) -> Option<usize> {
         self.current.as_ref().map(Built::bytes)
     }

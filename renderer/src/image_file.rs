@@ -98,8 +98,7 @@ fn exposure_factor(picture: &Picture, exposure: Exposure) -> f32 {
     match exposure {
         Exposure::Stops(stops) => stops.exp2(),
         Exposure::Auto => {
-            // Means of blocks, about 16 along the longer edge: the logarithm of single noisy pixels, half of
-            // them black, says little.
+            // Means of blocks, about 16 along the longer edge: single noisy pixels say little.
             let means = picture.block_luminances(picture.width.max(picture.height).div_ceil(16).max(1));
             // Blocks that are nearly black say nothing about how bright the rest should be.
             let floor = picture.mean_luminance() * 1e-4;

@@ -17,8 +17,7 @@ pub struct LightSampling {
     pub sun_share: f32,
     /// The sampling of the sky.
     pub sky: SkyChoice,
-    /// Share of shadow rays that turn to the sky where it is sampled and there are other lights: 0.05 to
-    /// 0.95.
+    /// Share of shadow rays to the sky where it is sampled and not alone: 0.05 to 0.95.
     pub sky_share: f32,
     /// Whether shadow rays are divided by the shares learnt with the sky, instead of the two constants.
     pub learnt_shares: bool,
@@ -27,8 +26,7 @@ pub struct LightSampling {
     /// A shadow ray for less light than this share of the picture's mean is traced with a lower probability,
     /// and brings more if it is; 0 to trace them all.
     pub shadow_roulette: f32,
-    /// A path whose throughput is below this goes on with a lower probability, and brings more light if it
-    /// does; 0 to end none.
+    /// A path of less throughput goes on with a lower probability, brighter if it does; 0 ends none.
     pub path_roulette: f32,
 }
 

@@ -20,8 +20,7 @@ use crate::{
     tuning::objective::frame_cost,
 };
 
-/// Longest time of all rebuilds of a measurement, in seconds. Where a rebuild in each round would take
-/// longer, only some rounds rebuild.
+/// Longest time of a measurement's rebuilds in seconds; beyond it only some rounds rebuild.
 const REBUILD_S: f64 = 60.0;
 /// Share of the time from which on a note says that frames waited for processors.
 const DELAY_NOTE_MIN: f64 = 0.02;
@@ -88,8 +87,7 @@ pub struct Standing {
     pub speedup: Summary,
     /// `frame_ms` round by round.
     pub rounds_ms: Vec<f64>,
-    /// `rounds_ms` without the time in which threads waited for processors, which compares any two
-    /// contenders.
+    /// `rounds_ms` without the time in which threads waited, which compares any two contenders.
     pub undelayed_ms: Vec<f64>,
     /// Memory of the structure, in bytes.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -304,8 +302,7 @@ fn frame(
     Ok(FrameTimes::of(build_ms, render_ms).with_threads(renderer.threads(), build, render))
 }
 
-/// In words, where it is worth a word: which share of their time frames only waited for processors. Ratios
-/// leave that out.
+/// In words, if worth one: which share of their time frames only waited for processors.
 pub fn delay_note(standings: &[Standing]) -> Option<String> {
     let sum = |of: fn(&Standing) -> &Vec<f64>| -> f64 { standings.iter().flat_map(of).sum() };
     let (all_ms, undelayed_ms) = (sum(|one| &one.rounds_ms), sum(|one| &one.undelayed_ms));

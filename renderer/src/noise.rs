@@ -6,8 +6,7 @@ use serde::{Deserialize, Serialize};
 use crate::bias::{Bias, FLOOR, Squares};
 use crate::{film::Picture, integrator::sampling::luminance};
 
-/// The share of pixels left out, those of the largest error: a few dots in a picture of millions would
-/// otherwise decide.
+/// The share of pixels of the largest error that is left out: a few dots would otherwise decide.
 const TRIMMED: f64 = 1e-3;
 
 /// Edge of the squares over which brightness is averaged for the weights, in pixels.

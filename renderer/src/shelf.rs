@@ -41,8 +41,7 @@ impl Shelf {
         built.serves_again(choice).then_some(built)
     }
 
-    /// Keeps a structure that may serve another trial. Where all together would take too much memory, those
-    /// that were not wanted for longest go.
+    /// Keeps a structure for other trials; where memory lacks, those longest unwanted go.
     pub(crate) fn put(&mut self, built: Built) {
         self.kept.retain(|kept| kept.choice != built.choice);
         if built.trials < TRIALS_PER_BUILD_MAX {

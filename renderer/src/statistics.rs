@@ -39,8 +39,7 @@ impl Summary {
     }
 }
 
-/// The ratio of one contender's speed to another's: the median of pairs, and the interval of the true median
-/// with a confidence of 95 %.
+/// The ratio of two speeds: the median of pairs, with the 95 % interval of the true median.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Ratio {
     /// Median of the ratios within pairs; 0 when there are none.
@@ -160,8 +159,7 @@ pub struct BreakEven {
 }
 
 impl BreakEven {
-    /// The first frame, counted from the begin of tuning, after which tuning has paid off. `None` if it never
-    /// does.
+    /// The first frame since the begin of tuning after which it has paid off, if it ever does.
     pub fn frame(&self) -> Option<u64> {
         let gain_ms = self.default_frame_ms - self.tuned_frame_ms;
         let tuned_begin_ms =
@@ -195,8 +193,7 @@ mod tests {
 
     #[test]
     fn the_intervals_of_a_median_are_those_of_the_tables() {
-        // Ranks from 0 of two-sided 95 % intervals of a median (Conover, Practical Nonparametric Statistics,
-        // table A3).
+        // Ranks from 0 of two-sided 95 % intervals of a median (Conover, table A3).
         for (count, rank) in
             [(5, None), (6, Some(0)), (9, Some(1)), (15, Some(3)), (21, Some(5)), (100, Some(39))]
         {

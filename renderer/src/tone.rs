@@ -52,8 +52,7 @@ fn contrast(x: f32) -> f32 {
     COEFFICIENTS.into_iter().fold(0.0, |sum, coefficient| sum * x + coefficient)
 }
 
-/// A colour as it is shown, each channel encoded from 0 to 1, of exposed radiance. Infinity is white, NaN
-/// black.
+/// An exposed radiance as it is shown, each channel encoded from 0 to 1. Infinity is white, NaN black.
 pub fn displayed(radiance: Vec3) -> Vec3 {
     let sound = radiance.map(|channel| if channel.is_nan() { 0.0 } else { channel.clamp(0.0, 1e9) });
     let share = (INSET * (TO_BT2020 * sound * LOOK_GAIN)).map(|channel| {

@@ -332,8 +332,7 @@ fn cost(name: &str) -> fn(&At) -> Option<f64> {
     }
 }
 
-/// One of them, as one device runs it. The default is the first configuration of a random order that can be
-/// run: a working one, not a good one.
+/// One of them, as one device runs it. Its default is a random one that can be run: working, not good.
 pub(crate) fn problem(name: &str, seed: u64) -> Problem {
     let random = &mut ChaCha8Rng::seed_from_u64(seed * 7 + 3);
     let device: Vec<f64> = (0..6).map(|_| random.random()).collect();

@@ -33,8 +33,7 @@ const CLIMBS: usize = 6;
 const ANYWHERE: usize = 1500;
 const CHANGES: usize = 2500;
 
-/// The lowest cost that several long climbs find: random points, then changes of one to three parameters of
-/// the best.
+/// The lowest cost of several long climbs from random points by changes of one to three parameters.
 fn best_of(space: &Space, cost: impl Fn(&Configuration) -> Option<f64>, random: &mut impl Rng) -> f64 {
     let dimension = space.dimension();
     let value = |x: &[f64]| cost(&space.decode(x)).unwrap_or(f64::INFINITY);

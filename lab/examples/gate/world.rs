@@ -40,8 +40,7 @@ pub(crate) enum Machine {
     Quiet,
     /// One and two other programs come and go.
     Load,
-    /// Its speed wanders by minutes, as that of a virtual machine beside others does; from frame to frame it
-    /// is calmer.
+    /// Its speed wanders by minutes, as a virtual machine's beside others; between frames it is calmer.
     Wander,
 }
 

@@ -150,8 +150,7 @@ struct Campaign {
 /// Named ways, each a configuration; the first is the baseline of the others.
 fn ways(arguments: &Arguments, space: &TuningSpace) -> Result<Vec<(String, Choice)>, Failure> {
     let recommended = space.default_choice();
-    // The renderer's own defaults: the recommended tree with light by constants, and a quick tree for each
-    // frame.
+    // The renderer's defaults: the recommended tree with light by constants, a quick tree for each frame.
     let plain = if arguments.lever == Lever::Light {
         Choice { light: Default::default(), ..recommended }
     } else {

@@ -141,8 +141,7 @@ struct Conduct {
 struct Table {
     world: String,
     scene: String,
-    /// Of the structures that all worlds have, and behind them of the service's answers here: by the rounds
-    /// that choose, and by those that judge.
+    /// Of the common structures, then of the service's answers: by rounds that choose and that judge.
     times: Vec<[Times; 2]>,
     /// For each number of served frames, the session with the service and with its last answer alone, in
     /// milliseconds; `None` for answers that could not be built in the rounds.
@@ -259,8 +258,7 @@ impl Stage {
 }
 
 impl Table {
-    /// The session with one structure, in milliseconds; `half` is 0 by the rounds that choose, 1 by those
-    /// that judge.
+    /// The session with one structure, in milliseconds; `half` is 0 for the rounds that choose, else 1.
     fn session_ms(&self, structure: usize, served: u32, half: usize, frames: u32) -> f64 {
         session_ms(frames, served, |stretch| self.times[structure][half].serves_ms(stretch))
     }
@@ -278,8 +276,7 @@ impl Table {
         session_ms(frames, served, |stretch| quick.swapped_ms(better, stretch, behind))
     }
 
-    /// The sessions to compare for one of the numbers of served frames, in the order of [`COLUMNS`], in
-    /// milliseconds.
+    /// Milliseconds of the sessions in the order of [`COLUMNS`], for one of the numbers of served frames.
     fn compared_ms(&self, place: usize, frames: u32) -> [f64; 8] {
         let served = SERVED[place];
         let count = self.times.len();
@@ -325,8 +322,7 @@ fn least<T: Default>(all: impl Iterator<Item = T>, cost: impl Fn(&T) -> f64) -> 
     all.min_by(|a, b| cost(a).total_cmp(&cost(b))).unwrap_or_default()
 }
 
-/// The one structure for all: over all other pairs of a world and a number of served frames it is the best in
-/// the geometric mean.
+/// The one structure for all: the best in the geometric mean over all other worlds and served frames.
 fn fixed(tables: &[Table], common: usize, frames: u32, of: (usize, usize)) -> usize {
     let pairs = || (0..tables.len()).flat_map(|world| (0..SERVED.len()).map(move |place| (world, place)));
     let mean = |structure: &usize| {

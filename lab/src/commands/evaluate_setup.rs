@@ -123,8 +123,7 @@ pub(super) fn space(conditions: &Conditions) -> TuningSpace {
     TuningSpace::new(preset, &Premises::all())
 }
 
-/// Adds the best configuration of each search at a place after each number of trials in `after`, and at its
-/// end, unless `all` holds it.
+/// Adds the best of each search at a place after each number of trials in `after`, and at its end.
 pub(super) fn add_found(record: &Record, place: &Place, after: &[usize], all: &mut Vec<Configuration>) {
     for search in record.searches.iter().filter(|search| search.place == *place) {
         let Some(objective) = search.minimised() else { continue };

@@ -20,8 +20,7 @@ pub const BASELINES: [Who; 2] = [NATIVE_DEFAULT, Who::PaperDefault];
 /// The times of two contenders to one error.
 #[derive(Clone, Debug, Serialize)]
 pub struct EqualError {
-    /// The error is the baseline's after this number of samples; absent for the least error that all
-    /// contenders reach in every run.
+    /// The baseline's samples with this error; absent for the least error that all reach in every run.
     pub samples: Option<u32>,
     /// The error's mean over the runs.
     pub relative_mse: f64,

@@ -236,8 +236,7 @@ impl Class {
         Some(answer.configuration.to_raw().into())
     }
 
-    /// Of these configurations the one from which the RBF model expects the least cost, the first among
-    /// equals.
+    /// The configuration from which the RBF model expects the least cost, the first among equals.
     fn least(&self, space: &Space, state: &[f64], of: &[Checked]) -> Option<Configuration> {
         let (query, method) = (self.known.query(space, state), PredictorMethod::RbfGreedyGq);
         let expected = |one| Some((one, self.predictors.estimate(method, &query, one)?.cost));

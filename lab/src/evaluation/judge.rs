@@ -197,8 +197,7 @@ impl View<'_> {
         group.cost(configuration, self.objective)
     }
 
-    /// The worth of an answer that took `predicted_ms`; whose it is comes later. `None` where the roofline
-    /// was not measured in shared rounds.
+    /// The worth of an answer that took `predicted_ms`. `None` where the roofline was not measured.
     fn row(
         &self,
         ground: &Ground,

@@ -158,8 +158,7 @@ impl Stage {
         SearchSetup::of(space, self.conditions.seed, state_id, self.conditions.iterations)
     }
 
-    /// Builds and renders all configurations in every round, each round in another order. `None` when it was
-    /// stopped.
+    /// Builds and renders all in every round, each in another order. `None` when it was stopped.
     pub(crate) fn group(
         &mut self,
         kind: GroupKind,

@@ -220,8 +220,7 @@ fn objective(page: &mut String, verdict: &Verdict) {
         *page += &card(&boxes(verdict, split, &names, |row| row.of_roofline, label));
         *page += &card(&break_even(verdict, split, &names));
     }
-    // The camera whose search cost most beyond its best shows the shape; the first split examined it or
-    // another did.
+    // The camera whose search cost most beyond its best shows the shape.
     let shown = verdict.rows.iter().filter(|row| row.split == Split::Random && row.entrant == names[0]);
     if let Some(row) = shown.max_by(|a, b| a.search_overhead_ms.total_cmp(&b.search_overhead_ms))
         && let Some(ground) = verdict.grounds.iter().find(|ground| ground.place == row.place)

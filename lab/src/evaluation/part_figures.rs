@@ -157,8 +157,7 @@ pub(super) fn rounds(group: &Group, share: Share) -> Option<[Vec<f64>; 2]> {
     Some([of(without)?, of(with)?])
 }
 
-/// The mean, and half the width of its 99.99 % interval by Student's distribution; none for fewer than three
-/// values.
+/// The mean, and half its 99.99 % interval by Student's distribution; none for fewer than three values.
 pub(super) fn mean_and_band(values: &[f64]) -> (f64, Option<f64>) {
     let count = values.len() as f64;
     let mean = values.iter().sum::<f64>() / count;
@@ -169,8 +168,7 @@ pub(super) fn mean_and_band(values: &[f64]) -> (f64, Option<f64>) {
     (mean, student(count - 1.0, BAND).map(|student| student * (variance / count).sqrt()))
 }
 
-/// A frame height, the medians of total time without and with splitting, and how many times as fast the
-/// latter is.
+/// A frame height, the medians of total time without and with splitting, and the speed-up.
 pub(super) type AtHeight = (u32, [f64; 2], Ratio);
 
 /// Frame heights of a scene with what splitting gains in total time there.

@@ -49,8 +49,7 @@ impl Part {
     }
 }
 
-/// The results of a search over a part, as whole configurations: its best, and its last.
-/// `None` where nothing could be built.
+/// The best and the last of a search over a part, as whole configurations. `None` if nothing was built.
 pub(crate) fn came_to(
     search: &PartSearch,
     whole: &TuningSpace,

@@ -33,8 +33,7 @@ pub(crate) struct Moment {
 pub(crate) const SEARCH: &str = "search";
 pub(crate) const DEFAULT: &str = "default";
 
-/// The answers without a search: the default, the best fixed configuration of the other scenes, and these
-/// predictors in scenes that they know.
+/// The answers without a search: the default, the best fixed one, and these predictors.
 pub(crate) fn without_search(verdict: &Verdict, predictors: &[&str]) -> Vec<Moment> {
     let at_once = |who: &str, cost: Option<Mean>, cameras| Moment {
         who: who.to_owned(),
@@ -97,8 +96,7 @@ fn spent_s(search: &Search, trials: usize) -> f64 {
     times.map(|times| times.build_ms + times.render_ms).sum::<f64>() / 1000.0
 }
 
-/// Cost of the best of the first `trials` iterations over that of the best of all, both measured again in the
-/// rounds of the answers.
+/// Cost of the best of the first `trials` iterations over that of the best of all, in the final rounds.
 fn ratio(record: &Record, search: &Search, trials: usize, objective: Objective) -> Option<f64> {
     let group = record.groups.get(&(GroupKind::Answers, search.place.clone()))?;
     let again = |trials| {

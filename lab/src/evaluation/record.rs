@@ -31,8 +31,7 @@ pub(crate) enum Clock {
     Wall,
 }
 
-/// The objective's value in milliseconds. As in the paper a frame's render time stands alone where builds are
-/// shared.
+/// The objective in milliseconds. As in the paper a render time stands alone where builds are shared.
 pub(crate) fn cost(objective: Objective, times: &FrameTimes) -> f64 {
     match objective {
         Objective::Render | Objective::Error => times.render_ms,
@@ -122,8 +121,7 @@ impl Search {
 pub(crate) enum GroupKind {
     /// Configurations by hand, beside the best of each search.
     Fixed,
-    /// The predictors' answers, beside the default, the best fixed configurations, and the best of each
-    /// search at each milestone.
+    /// The predictors' answers, the default, the best fixed ones, and each search at each milestone.
     Answers,
     /// Without and with splitting.
     Pair,
@@ -161,8 +159,7 @@ impl Group {
         self.members.iter().find(|member| member.configuration == *configuration)
     }
 
-    /// The cost of a configuration in each round, in milliseconds; `None` for one that is not there or cannot
-    /// be run.
+    /// The cost of a configuration in each round, in milliseconds; `None` where it is not or cannot run.
     pub(crate) fn costs(&self, configuration: &Configuration, objective: Objective) -> Option<Vec<f64>> {
         let member = self.member(configuration).filter(|member| member.failure.is_none())?;
         let costs: Vec<f64> = member.rounds.iter().map(|times| cost(objective, times)).collect();
@@ -175,8 +172,7 @@ impl Group {
     }
 }
 
-/// A search over a few parameters, the others at their recommended values (paper, section 4.2). Its
-/// configurations hold those few alone.
+/// A search over a few parameters, which its configurations hold alone (paper, section 4.2).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct PartSearch {
     /// Which parameters, by the name of [`super::parts::Part`].
@@ -329,8 +325,7 @@ pub(crate) struct OpenRecord {
 }
 
 impl OpenRecord {
-    /// Opens a record, or begins one. One that was begun under other conditions, or is of an older form, is
-    /// refused.
+    /// Opens or begins a record. One of other conditions, or of an older form, is refused.
     pub(crate) fn open(path: &Path, conditions: &Conditions) -> Result<Self, CliError> {
         json_lines::begin(path, conditions)?;
         let record = Record::read(path)?;

@@ -52,8 +52,7 @@ pub(crate) struct Standing {
     pub(crate) of_roofline_once: Mean,
     pub(crate) over_default: Mean,
     pub(crate) over_fixed: Mean,
-    /// Share of the search's overhead that the predictor saves: sums over all answers. `None` where the
-    /// search has no overhead.
+    /// Share of the search's overhead that the predictor saves over all answers, where there is any.
     pub(crate) overhead_reduction: Option<f64>,
     pub(crate) break_even: BreakEvens,
 }

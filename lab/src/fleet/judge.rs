@@ -102,8 +102,7 @@ mod tests {
         RecordedContender { who, configuration: None, build_ms, render_ms, failure }
     }
 
-    /// Two machines, each a group, in three scenes: `avx2` gains from the fleet alone, and one answer of
-    /// `sse2` cannot be built.
+    /// Two machines in three scenes: `avx2` gains from the fleet; one answer of `sse2` cannot be built.
     fn record() -> Record {
         let conditions = conditions();
         let mut answers = Vec::new();

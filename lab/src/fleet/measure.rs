@@ -64,8 +64,7 @@ impl Node<'_> {
         stage.explore(&client, &study, OBJECTIVE, frames)
     }
 
-    /// Reports recorded searches as if their machines worked side by side: the first trial of each, then the
-    /// second, and so on.
+    /// Reports recorded searches as if their machines worked side by side, trial by trial.
     fn teach(&self, daemon: &Daemon, known: &[&At<RecordedSearch>]) -> Result<(), CliError> {
         let mut joined = BTreeMap::new();
         for one in known {

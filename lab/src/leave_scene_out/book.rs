@@ -50,8 +50,7 @@ pub(crate) struct RecordedTrial {
     pub(crate) times: Option<FrameTimes>,
 }
 
-/// Contenders in interleaved rounds. Where frames share a build each contender was built once, else in every
-/// round.
+/// Contenders in interleaved rounds. Each is built once where frames share a build, else every round.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(crate) struct RecordedRounds {
     pub(crate) contenders: Vec<RecordedContender>,

@@ -91,8 +91,7 @@ pub(crate) fn fixed(
     all
 }
 
-/// The configurations that only the search of one scene found. The other scenes do not know them, although
-/// they ran there as candidates.
+/// The configurations that only the search of one scene found; the other scenes do not know them.
 pub(crate) fn found_only_in(
     book: &Book,
     objective: Objective,
@@ -111,8 +110,7 @@ pub(crate) fn found_only_in(
     own
 }
 
-/// The best fixed configuration of all scenes of a context but one. What only the search of that one found is
-/// not known to the others.
+/// The best fixed configuration of a context's other scenes, without what only this one's search found.
 pub(crate) fn fixed_of_others(
     book: &Book,
     objective: Objective,
@@ -210,8 +208,7 @@ fn safety(search: &RecordedSearch, rounds: &RecordedRounds, objective: Objective
     Safety::of(costs, start_cost(&of_start, in_rounds)?)
 }
 
-/// `fixed` is the best fixed configuration of the other scenes; where it did not run, it is what the rounds
-/// call so.
+/// `fixed` is the best fixed one of the other scenes; where it did not run, the rounds name it.
 fn row(
     rounds: &RecordedRounds,
     fixed: Option<&Configuration>,

@@ -55,8 +55,7 @@ impl Stage {
         View { camera: self.renderer.scene().cameras[0], seed: SEED, bounces: BOUNCES }
     }
 
-    /// All configurations that serve all scenes, in shared rounds: native Embree used well, those written by
-    /// hand, and the winners of every scene.
+    /// Every configuration for all scenes, in shared rounds: native, by hand, and every scene's winner.
     pub(crate) fn candidates(
         &mut self,
         book: &Book,
@@ -138,8 +137,7 @@ impl Stage {
         RecordedRounds { contenders, disturbed: disturbance.disturbed }
     }
 
-    /// A search by a fresh daemon. With `others` it first gets the measurements of all other scenes of the
-    /// book.
+    /// A search by a fresh daemon, which with `others` first gets what the other scenes measured.
     pub(crate) fn search(
         &mut self,
         book: &Book,

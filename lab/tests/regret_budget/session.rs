@@ -33,8 +33,7 @@ pub(crate) struct Session {
     pub(crate) budget: f64,
     /// Frames that explored.
     pub(crate) explored: u64,
-    /// The largest share that exploring had cost at any moment: true regret against the default, over true
-    /// frame time.
+    /// The largest share that exploring had cost at any moment: true regret over true frame time.
     pub(crate) worst: f64,
 }
 

@@ -23,8 +23,7 @@ pub const THREADS_MAX: usize = 1024;
 /// least that leaves one level to it; 64 sizes the traversal stack.
 pub const MAX_DEPTH: std::ops::RangeInclusive<u32> = 9..=64;
 
-/// Most triangles a leaf: the Morton builder keeps a leaf's triangles in a fixed array of this size and
-/// writes past its end with more.
+/// Most triangles a leaf: the Morton builder's array for a leaf is this long.
 pub const LEAF_SIZE_MAX: u32 = 32;
 
 /// Largest `sah_block_size`.
@@ -33,8 +32,7 @@ pub const SAH_BLOCK_SIZE_MAX: u32 = 32;
 /// Largest cost of a step or a test in the heuristic.
 pub const COST_MAX: f32 = 10.0;
 
-/// Default room for the references that spatial splits add, as a factor on the number of triangles. Native
-/// Embree has this default, too.
+/// Default room for the references of spatial splits, as a factor on the triangles; native Embree's, too.
 pub const SPLIT_BUDGET: f32 = 1.2;
 
 /// Permitted `split_budget`.
@@ -49,8 +47,7 @@ pub const INSTANCES_MAX: usize = 1 << 24;
 /// Permitted `search_radius`.
 pub const SEARCH_RADIUS_RANGE: std::ops::RangeInclusive<u32> = 1..=32;
 
-/// Permitted `cluster_size`: a part of the curve that becomes one cluster must fit into the smallest set of
-/// clusters.
+/// Permitted `cluster_size`: one cluster's part of the curve must fit into the smallest set of clusters.
 pub const CLUSTER_SIZE_RANGE: std::ops::RangeInclusive<u32> = 1..=8;
 
 /// Most rays of one class in a recording: half a gigabyte of memory.

@@ -174,8 +174,7 @@ impl Masks {
     }
 }
 
-/// Weights of the second and third corner where a ray meets a triangle's plane, clamped to the triangle; 0
-/// for a ray in the plane.
+/// Weights of the second and third corner where a ray meets a triangle's plane; 0 for a ray in it.
 #[inline]
 fn weights(ray: &Ray, [a, b, c]: [Vec3; 3]) -> (f32, f32) {
     let (ab, ac) = (b - a, c - a);

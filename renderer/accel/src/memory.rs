@@ -19,8 +19,7 @@ const STEP: libc::c_int = 64 << 20;
 pub fn keep_freed_memory() -> bool {
     #[cfg(all(target_os = "linux", target_env = "gnu"))]
     {
-        // One heap for all threads: blocks too large for the heap of a thread would be mapped and unmapped
-        // after all.
+        // One heap for all threads: blocks too large for a thread's heap would be mapped and unmapped.
         let wishes = [
             (libc::M_ARENA_MAX, 1),
             (libc::M_MMAP_MAX, 0),

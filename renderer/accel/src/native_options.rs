@@ -60,8 +60,7 @@ pub struct NativeOptions {
     pub dynamic: bool,
     /// `RTC_SCENE_FLAG_ROBUST`.
     pub robust: bool,
-    /// Room for the references that spatial splits add, as a factor on the number of triangles, 1 to 4.
-    /// Embree receives it to one decimal place.
+    /// Room for the references of spatial splits: 1 to 4 times the triangles, to one decimal place.
     pub split_budget: f32,
     /// Split triangles before the build, not during it.
     pub presplit: bool,

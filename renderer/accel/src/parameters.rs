@@ -67,8 +67,7 @@ pub struct TreeParameters {
     pub intersection_cost: f32,
     /// Optimise for a static scene (otherwise Embree's dynamic flag is set).
     pub static_scene: bool,
-    /// Optimise memory use: Embree's native compact scene, which has none of the other parameters but
-    /// `robust`.
+    /// Embree's native compact scene, which has none of the other parameters but `robust`.
     pub compact: bool,
     /// Watertight intersection.
     pub robust: bool,
@@ -85,11 +84,9 @@ pub struct TreeParameters {
     pub cluster_size: u32,
     /// The way to the wide tree.
     pub collapse: Collapse,
-    /// Passes of insertion-based optimisation over the binary tree, 0 to 16. Acts with [`Collapse::Optimal`]
-    /// only.
+    /// Passes of insertion-based optimisation, 0 to 16. Acts with [`Collapse::Optimal`] only.
     pub reinsertion_passes: u32,
-    /// Room for the references that spatial splits add, as a factor on the number of triangles, 1 to 2. Acts
-    /// with [`Quality::SahSplit`] only.
+    /// Room for the references of spatial splits: 1 to 2 times the triangles, with [`Quality::SahSplit`].
     pub split_budget: f32,
 }
 
@@ -183,8 +180,7 @@ pub enum Update {
     Rebuild,
     /// The triangles of a node stay together; boxes follow.
     Refit,
-    /// As [`Update::Refit`], then those parts are rebuilt whose SAH cost has grown too much since they were
-    /// built.
+    /// As [`Update::Refit`], then parts are rebuilt whose SAH cost has grown too much since their build.
     Partial {
         /// Greatest ratio of the cost to that of the last build: 1 to 4.
         rebuild_threshold: f32,
@@ -219,8 +215,7 @@ impl Update {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum BuildChoice {
-    /// The paper's space: `rtcBuildBVH` into our own layout, or the native compact scene where `compact` is
-    /// set.
+    /// The paper's space: `rtcBuildBVH` into our own layout, or the native scene where `compact` is set.
     Tree(TreeParameters),
     /// A native Embree scene.
     Native(NativeOptions),

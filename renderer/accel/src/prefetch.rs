@@ -1,7 +1,6 @@
 //! Memory that will be needed soon: asks the processor to fetch it.
 
-/// Asks for an element of a slice to be brought into the cache. Nothing happens beyond the end. Elsewhere
-/// than on x86-64 it does nothing.
+/// Asks for an element to be brought into the cache, on x86-64 only. Beyond the end nothing happens.
 #[inline(always)]
 pub fn prefetch<T>(values: &[T], index: usize) {
     if let Some(value) = values.get(index) {

@@ -20,8 +20,7 @@ pub struct Ray {
 }
 
 impl Ray {
-    /// Whether origin and direction are finite and `0 <= t_min <= t_max` are numbers. Rays that are not valid
-    /// miss.
+    /// Whether origin and direction are finite and `0 <= t_min <= t_max`. Other rays miss.
     #[inline]
     pub fn is_valid(&self) -> bool {
         // Zero times a finite number is zero; times infinity or NaN it is NaN, which fails the comparison.
@@ -95,8 +94,7 @@ impl Packets {
         [Self::Single, Self::Four, Self::Eight, Self::EightCoherent, Self::Sixteen, Self::SixteenCoherent];
 }
 
-/// Anything that answers ray queries over [`Triangles`](crate::Triangles). Queries never fail: rays with
-/// non-finite components miss.
+/// Anything that answers ray queries over [`Triangles`](crate::Triangles). Invalid rays miss.
 pub trait Intersector: Sync + Send {
     /// The nearest hit inside the segment.
     fn closest(&self, ray: &Ray) -> Option<Hit>;
@@ -104,8 +102,7 @@ pub trait Intersector: Sync + Send {
     /// Whether anything lies inside the segment.
     fn occluded(&self, ray: &Ray) -> bool;
 
-    /// The nearest hit of each ray; `hits` is as long as `rays`. With every packing the answers are those of
-    /// [`Intersector::closest`].
+    /// The nearest hit of each ray, as [`Intersector::closest`] with every packing. The slices are as long.
     fn closest_each(&self, _packets: Packets, rays: &[Ray], hits: &mut [Option<Hit>]) {
         one_by_one(rays, hits, |ray| self.closest(ray));
     }

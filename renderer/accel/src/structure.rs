@@ -76,8 +76,7 @@ pub fn build(
     }
 }
 
-/// Builds a structure of two levels: `choice` for each object, and a tree over the instances. Triangles that
-/// no instance places are not met.
+/// Builds two levels: `choice` for each object, and a tree over instances. Only placed triangles are met.
 pub fn build_instanced(
     device: &Device,
     triangles: &Arc<Triangles>,
@@ -133,8 +132,7 @@ impl Structure {
         }
     }
 
-    /// Runs `visitor` with the concrete intersector inside, so that its ray loop is compiled without a
-    /// choice per ray.
+    /// Runs `visitor` with the concrete intersector, so that its loop is compiled without a choice per ray.
     pub fn visit<V: Visitor>(&self, visitor: V) -> V::Output {
         of_each!(self, one => visitor.visit(one))
     }

@@ -132,8 +132,7 @@ fn tiny_coordinates_give_no_hit_or_a_right_one() {
         each(&triangles, |what, structure| {
             for (ray, verdict) in rays.iter().zip(&verdicts) {
                 let found = structure.closest(ray);
-                // Native watertight scenes answer with weights of 0 from 1e-8 on, below 1e-12 with a distance
-                // of 0.
+                // Native watertight scenes answer with weights of 0 from 1e-8, a distance of 0 below 1e-12.
                 let objection =
                     found.filter(|hit| hit.t > 0.0).and_then(|_| verdict.placement_objection(found));
                 assert_eq!(objection, None, "scale {scale:e}, {what}: {ray:?} gave {found:?}");
@@ -146,8 +145,7 @@ fn tiny_coordinates_give_no_hit_or_a_right_one() {
 fn far_from_the_origin() {
     for offset in [1e3, 1e5, 1e7] {
         let center = Vec3::new(offset, -offset, offset);
-        // Of detail 1e-2 nothing is left at 1e7, where numbers are 1 apart: the remaining triangles are met
-        // rightly.
+        // At 1e7 numbers are 1 apart: nothing of detail 1e-2 is left, the rest is met rightly.
         for scale in [1e-2, 1.0, 1e3] {
             let rays = towards(center, 3.0 * scale + 10.0, scale, 100, 94);
             check(&format!("{scale} at {offset:e}"), &placed(scale, center), &rays, 0);

@@ -10,8 +10,7 @@ static REQUESTED: AtomicBool = AtomicBool::new(false);
 pub struct Interrupt(());
 
 impl Interrupt {
-    /// Begins to listen for SIGINT and SIGTERM. Where no handler can be set, the system's own stays: such a
-    /// signal then ends the program at once.
+    /// Begins to listen for SIGINT and SIGTERM, which end the program at once if that is not possible.
     pub fn listen() -> Self {
         static LISTENING: OnceLock<()> = OnceLock::new();
         LISTENING.get_or_init(|| {

@@ -30,8 +30,7 @@ impl NarrowingArguments {
         self.fix.is_empty() && self.range.is_empty() && self.recommended.is_none()
     }
 
-    /// The part of a space that is left. Of a recommendation, parameters that the space lacks are passed
-    /// over.
+    /// The part of a space that is left. Recommended parameters that the space lacks are passed over.
     pub fn of(&self, space: &TuningSpace) -> Result<TuningSpace, CliError> {
         let has = |one: &Narrowing| space.explained().any(|known| known.parameter.name == one.name());
         let recommended = self.recommended.map(Recommendation::narrowings).unwrap_or_default();
@@ -40,8 +39,7 @@ impl NarrowingArguments {
         Ok(space.narrowed(&all)?)
     }
 
-    /// The mark that distinguishes a study of this part from one of the whole: a few letters, equal for equal
-    /// parts.
+    /// The mark of a study of this part: a few letters, equal for equal parts.
     pub fn mark(&self, part: &TuningSpace) -> String {
         if self.is_empty() {
             return String::new();

@@ -47,8 +47,7 @@ impl ServerArguments {
     /// Connects with another time limit for calls.
     pub fn connect_within(&self, threads: usize, deadline: Duration) -> Result<Client, CliError> {
         let (major, minor, patch) = Device::open(threads)?.version();
-        // Another version of either may build and trace otherwise: what older ones measured does not hold for
-        // it.
+        // What other versions of either measured does not hold for this one.
         let mut fingerprint = machine()
             .software("treewright-render", env!("CARGO_PKG_VERSION"))
             .software("embree", format!("{major}.{minor}.{patch}"));

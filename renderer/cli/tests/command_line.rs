@@ -239,8 +239,7 @@ fn the_laboratory_is_looked_for_beside_the_program() {
     let program = Path::new(PROGRAM);
     let beside = program.parent().expect("a program lies in a folder");
     let folder = tempfile::tempdir_in(beside).expect("a scratch folder on that disk");
-    // Links: a program that was just written may still be open for writing in a process that another test
-    // forks.
+    // Links: a program just written may still be open for writing in a process that a test forks.
     let render = folder.path().join("treewright-render");
     std::fs::hard_link(program, &render).expect("the program can be linked");
     let converge = || {

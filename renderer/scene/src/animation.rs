@@ -19,8 +19,7 @@ pub(super) struct Track {
     pub(super) interpolation: Interpolation,
     /// Rising, in seconds; at least one.
     pub(super) times: Vec<f32>,
-    /// For each key `width` numbers, or in a cubic spline three times as many: the tangent before it, its
-    /// value, and the tangent after it.
+    /// `width` numbers a key; a cubic spline has thrice as many: tangent, value, and tangent after it.
     pub(super) values: Vec<f32>,
     pub(super) width: usize,
 }
@@ -131,8 +130,7 @@ impl Piece {
         })
     }
 
-    /// Positions and normals in the space of a pose. A skinned mesh stands where its joints are, wherever its
-    /// node is.
+    /// Positions and normals in a pose. A skinned mesh stands where its joints are.
     pub(super) fn posed(&self, pose: &Pose) -> [Vec<Vec3>; 2] {
         let fixed = pose.worlds[self.node].as_mat4() * self.to_node;
         let place = |vertex: usize| match &self.skin {
@@ -302,8 +300,7 @@ impl Animated {
         Self { rig, to_scene, factor, sources, copied: None }
     }
 
-    /// Of this scene with its instances copied into the world: by vertex the number of the one that it was,
-    /// and that of its instance.
+    /// The scene with its instances copied into the world: by vertex, its original and its instance.
     pub(super) fn copied(&self, instances: &Arc<Instances>, copies: &[(u32, u32)]) -> Self {
         let sources = copies.iter().map(|(vertex, _)| self.sources[*vertex as usize]).collect();
         let of_vertex = copies.iter().map(|(_, instance)| *instance).collect();

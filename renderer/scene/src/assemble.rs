@@ -69,8 +69,7 @@ pub enum Lighting {
 }
 
 impl Assembler {
-    /// An empty scene of a file, named by the file's stem. Added geometry is turned so that this axis points
-    /// up.
+    /// An empty scene named by a file's stem. Added geometry is turned so that this axis points up.
     pub fn of_file(path: &Path, up: Up) -> Self {
         let stem = path.file_stem().map(|stem| stem.to_string_lossy().into_owned());
         Self { up, ..Self::new(stem.unwrap_or_else(|| "scene".to_owned()), path) }
@@ -125,8 +124,7 @@ impl Assembler {
         self.notes.push(note.into());
     }
 
-    /// Adds lights without size. Left out with a note are those that give no light or have numbers that are
-    /// not finite, and those beyond the limit.
+    /// Adds lights without size. Dark, not finite and too many ones are left out with a note.
     pub fn lights(&mut self, mut lights: Vec<Punctual>) {
         let all = lights.len();
         lights.retain(Punctual::is_sound);

@@ -26,8 +26,7 @@ impl CameraPath {
 
     /// A path through keys, in order; at least one.
     fn through(keys: Vec<Camera>) -> Self {
-        // Centripetal: time goes with the root of the distance. The target counts too, lest a camera that
-        // only looks round does so in no time.
+        // Centripetal: time goes with the root of the distance, the target's too, for turns on the spot.
         let mut moments = vec![0.0_f32];
         for pair in keys.windows(2) {
             let distance =
@@ -45,8 +44,7 @@ impl CameraPath {
         Self { keys, moments }
     }
 
-    /// The camera at a moment from 0 (first key) to 1 (last key); moments outside are clamped, and NaN counts
-    /// as 0.
+    /// The camera at a moment from 0 (first key) to 1 (last key), clamped; NaN counts as 0.
     pub fn sample(&self, moment: f32) -> Camera {
         let moment = if moment.is_finite() { moment.clamp(0.0, 1.0) } else { 0.0 };
         let last = self.keys.len() - 1;

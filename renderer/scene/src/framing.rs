@@ -17,8 +17,7 @@ const OBJECT_FROM: Vec3 = Vec3::new(0.62, 0.38, 1.0);
 const ASPECT: f32 = 4.0 / 3.0;
 /// Rays that ask whether the middle of the scene is inside a room.
 const ROOM_RAYS: usize = 48;
-/// Share of those rays (the upward ones aside) that must meet a front side. Open doors and courtyards are
-/// rooms too.
+/// Share of those rays, without upward ones, that meet a front side: open doors are part of rooms.
 const ROOM_SHARE: f32 = 0.7;
 
 /// A camera as files describe it: often with a direction but no point that it looks at.

@@ -134,8 +134,7 @@ pub(super) fn shared_meshes(document: &Document, copies: &Copies, flattened: &[b
 /// Distance from the origin below which nodes of any size keep their digits.
 const FAR_NODES: f64 = 1e4;
 
-/// Where to put the origin so that meshes that stand close together and far away keep their digits; zero
-/// where they do not.
+/// Where to put the origin so that meshes close together and far away keep their digits; else zero.
 fn far_origin(nodes: &[(Node, DMat4)]) -> DVec3 {
     let with_mesh = nodes.iter().filter(|(node, _)| node.mesh().is_some());
     let mut places = with_mesh.map(|(_, to_world)| to_world.w_axis.truncate());

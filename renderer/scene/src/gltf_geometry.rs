@@ -147,8 +147,7 @@ const PAIRS: (Dimensions, &[DataType]) = (Dimensions::Vec2, &[DataType::F32, Dat
 const INDICES: (Dimensions, &[DataType]) =
     (Dimensions::Scalar, &[DataType::U8, DataType::U16, DataType::U32]);
 
-/// Checks an accessor before it is read: the reader trusts types, counts, offsets and strides to fit
-/// together.
+/// Checks an accessor before it is read: the reader trusts types, counts, offsets and strides.
 pub(super) fn check(
     accessor: &Accessor,
     expected: (Dimensions, &[DataType]),

@@ -223,8 +223,7 @@ impl Document {
         self.json["scene"] = json!(shown);
     }
 
-    /// Takes out of animations what leads nowhere, for which the parser would refuse the whole file. Numbers
-    /// of animations and samplers stay.
+    /// Takes out of animations what leads nowhere, which the parser would refuse. Numbers stay.
     fn animations(&mut self) {
         let [nodes, accessors] = ["nodes", "accessors"].map(|key| list(&self.json, key).len());
         let mut channels = 0;
@@ -313,8 +312,7 @@ impl Document {
         self.note(morphed, "Took {} primitives without morph targets that there are not.");
     }
 
-    /// Materials of diffuse, specular and gloss in the terms of metal and roughness, where they have no
-    /// others.
+    /// Materials of diffuse, specular and gloss in the terms of metal and roughness.
     fn materials(&mut self) {
         const OTHER: &str = "KHR_materials_pbrSpecularGlossiness";
         let mut approximate = 0;
@@ -353,8 +351,7 @@ impl Document {
 
     /// Takes textures without a picture out of materials, and notes options of samplers that are ignored.
     fn textures(&mut self) {
-        // The parser expects every picture to have a place, and one in a buffer to name its kind, which
-        // follows from its first bytes anyway.
+        // The parser expects a place for every picture, and in a buffer a kind, which its first bytes tell.
         for image in list_mut(&mut self.json, "images").filter_map(Value::as_object_mut) {
             let has = |key: &str| image.get(key).is_some_and(|value| !value.is_null());
             match (has("bufferView"), has("uri"), has("mimeType")) {
@@ -404,8 +401,7 @@ impl Document {
         }
     }
 
-    /// Takes out primitives without positions or with none but zeros, whose accessors have no view, and notes
-    /// vertex attributes that are ignored.
+    /// Takes out primitives without readable positions, and notes vertex attributes that are ignored.
     fn primitives(&mut self) {
         let accessors = list(&self.json, "accessors");
         let is_void =

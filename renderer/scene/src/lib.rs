@@ -86,8 +86,7 @@ pub struct Scene {
     /// Shading normal of each vertex (unit length, parallel to `triangles.positions()`); empty when every
     /// triangle is flat. The front (counter-clockwise) side of a triangle is where its normals point.
     pub normals: Vec<Vec3>,
-    /// Texture coordinates of each vertex (parallel to `triangles.positions()`); empty when no mesh has a
-    /// texture.
+    /// Texture coordinates of each vertex; empty when no mesh has a texture.
     pub uvs: Vec<Vec2>,
     /// The textures that materials name by number.
     pub textures: Vec<Arc<Texture>>,
@@ -114,8 +113,7 @@ pub struct Scene {
 }
 
 impl Scene {
-    /// Whether there are lights that shadow rays are sent to: a sun, lights without size, or surfaces that
-    /// shine.
+    /// Whether shadow rays are sent to any light: a sun, lights without size, surfaces that shine.
     pub fn has_sampled_lights(&self) -> bool {
         let shines = |light: Vec3| light.max_element() > 0.0;
         let sun = self.sky.sun.is_some_and(|sun| shines(sun.irradiance));
@@ -157,8 +155,7 @@ pub struct Material {
     pub base_color_texture: Option<u32>,
     /// Number of a texture whose green is multiplied by the roughness and whose blue by the share of metal.
     pub metallic_roughness_texture: Option<u32>,
-    /// Number of a texture of normals in tangent space: x along the first texture coordinate, y up in the
-    /// picture.
+    /// Number of a texture of normals in tangent space: x along the first coordinate, y up in the picture.
     pub normal_texture: Option<u32>,
     /// Factor on the lean of those normals; 1 leaves them as they are.
     pub normal_scale: f32,
@@ -166,8 +163,7 @@ pub struct Material {
     pub emission_texture: Option<u32>,
     /// Number of a texture whose red is multiplied by the transmission.
     pub transmission_texture: Option<u32>,
-    /// Rays go through where the base colour texture's alpha is below this: a cut-out leaf, a fence. Above 1
-    /// for a surface that is nowhere solid.
+    /// Rays go through where the base colour's alpha is below this. Above 1: nowhere solid.
     pub cutoff: Option<f32>,
     /// The transmission is that of blending: light passes straight through and untinted, more of it where the
     /// base colour texture's alpha, times `opacity`, is lower.
@@ -187,8 +183,7 @@ pub struct Volume {
 }
 
 impl Volume {
-    /// Of a material that leaves the share `color` of light after a way of `distance` (Beer's law). Infinite
-    /// or no distance means clear.
+    /// A material that leaves the share `color` of light after `distance` (Beer's law), by default clear.
     pub fn new(color: Vec3, distance: f32) -> Self {
         let lost = color.clamp(Vec3::splat(1e-6), Vec3::ONE).map(|share| -share.ln());
         let absorption = if distance > 0.0 { lost / distance } else { Vec3::ZERO };
@@ -237,8 +232,7 @@ impl Default for Material {
     }
 }
 
-/// Light from outside: a vertical gradient and an optional sun. Black for closed scenes with their own
-/// lights.
+/// Light from outside: a vertical gradient and an optional sun. Black for scenes with their own lights.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sky {
     /// Radiance straight up.

@@ -4,15 +4,13 @@
 /// Largest scene file that is read, in bytes.
 pub const FILE_BYTES_MAX: u64 = 8 << 30;
 
-/// Most vertices of a scene: they are numbered with 32 bits, and a numbering that has no free value left
-/// could not mark the unused ones.
+/// Most vertices of a scene: a numbering with 32 bits needs a free value for unused ones.
 pub const VERTICES_MAX: usize = 1 << 29;
 
 /// Most meshes of a scene after instances are flattened.
 pub const MESHES_MAX: usize = 1 << 20;
 
-/// Most triangles that the instances of a scene place: indicators look at each of them once, for some
-/// seconds.
+/// Most triangles that instances place: indicators look at each of them, for some seconds.
 pub const PLACED_TRIANGLES_MAX: u64 = 1 << 30;
 
 /// Meshes of a glTF file that several nodes name become instances when that saves more triangles than this.
@@ -25,8 +23,7 @@ pub const NODE_DEPTH_MAX: usize = 256;
 /// Most numbers in the keys of a file's animations: 256 MB.
 pub const KEY_NUMBERS_MAX: usize = 1 << 26;
 
-/// Most vertices with skins, morph targets or animations, each counted again for each of its targets: some
-/// 1.6 GB.
+/// Most vertices that move, each counted again for each of its morph targets: some 1.6 GB.
 pub const POSED_VERTICES_MAX: usize = 1 << 26;
 
 /// Longest edge of a texture in pixels.

@@ -37,8 +37,7 @@ pub fn load_upright(path: impl AsRef<Path>, up: Up) -> Result<Scene, SceneError>
     if bytes.is_empty() {
         return Err(SceneError::Empty { path: path.to_owned() });
     }
-    // The readers below check for known faults. A parsing crate may still panic on a hostile file, which
-    // must not end the program.
+    // A parsing crate may still panic on a hostile file, which must not end the program.
     catch_unwind(AssertUnwindSafe(|| match format {
         Format::Gltf => gltf_file::read(path, &bytes, up),
         Format::Obj => obj_file::read(path, &bytes, up),

@@ -64,8 +64,7 @@ fn split(rest: &str) -> Vec<String> {
     names
 }
 
-/// A map as a material names it: its file, which is the last word that belongs to no option, and whether it
-/// is clamped at its edges.
+/// A map as a material names it: its file, the last word of no option, and whether it is clamped.
 pub(super) fn map(line: &str) -> Option<(String, bool)> {
     let mut words = line.split_whitespace().peekable();
     let mut clamped = false;
@@ -104,8 +103,7 @@ impl Described {
     }
 }
 
-/// Reads materials. Left out are colours, numbers and names that are not there, and keywords that are not
-/// read, which are counted in `ignored`.
+/// Reads materials. What is missing is left out; keywords that are not read are counted in `ignored`.
 pub(super) fn materials(text: &str, ignored: &mut BTreeMap<String, usize>) -> Vec<Described> {
     let mut materials: Vec<Described> = Vec::new();
     for (_, statement) in statements(text) {

@@ -94,8 +94,7 @@ fn note_what_is_left_out(parsed: &Parsed, libraries: &Libraries, assembler: &mut
     }
 }
 
-/// A material of the classic ambient-diffuse-specular model, and of its common extension by `Pr` (roughness)
-/// and `Pm` (metallic), in our terms.
+/// A material of ambient, diffuse and specular, and of its extension by `Pr` and `Pm`, in our terms.
 fn from_mtl(material: &Described) -> Material {
     let number = |key: &str| material.number(key);
     let diffuse = material.colour("Kd").unwrap_or(Material::default().base_color);
@@ -110,8 +109,7 @@ fn from_mtl(material: &Described) -> Material {
         _ => 1.0,
     };
     let dissolve = number("d").or_else(|| number("Tr").map(|transparency| 1.0 - transparency)).unwrap_or(1.0);
-    // A dissolved material lets light through as it is, like blending in glTF; it bends and reflects light if
-    // it says so.
+    // A dissolved material lets light through, like blending in glTF; it bends light only if it says so.
     let dissolved = dissolve < 1.0;
     let ior = if dissolved { 1.0 } else { 1.5 };
     Material {

@@ -59,8 +59,7 @@ pub(super) fn read(material: &Described, folder: &Path, assembler: &mut Assemble
     }
 }
 
-/// A picture of base colours with the alpha of another one: its own alpha where it has some, else its
-/// brightness.
+/// A picture of base colours with the alpha of another one: its alpha, else its brightness.
 fn with_alpha(colour: Option<Pixels>, alpha: Option<Pixels>) -> Result<Pixels, String> {
     let has_own = alpha.as_ref().is_some_and(|alpha| alpha.pixels.iter().any(|pixel| pixel[3] < 255));
     merged(colour, alpha, |colour, alpha| {

@@ -11,8 +11,7 @@ pub struct Part {
     pub positions: Vec<Vec3>,
     /// Shading normals parallel to `positions`, or empty for flat triangles.
     pub normals: Vec<Vec3>,
-    /// Texture coordinates parallel to `positions`, or empty for none. (0, 0) is a picture's upper left
-    /// corner.
+    /// Texture coordinates parallel to `positions`, or none. (0, 0) is a picture's upper left corner.
     pub uvs: Vec<Vec2>,
     /// Three vertex numbers a triangle.
     pub indices: Vec<[u32; 3]>,
@@ -29,8 +28,7 @@ pub(super) fn normal_matrix(linear: &Mat3) -> Mat3 {
 }
 
 impl Part {
-    /// Moves everything by an affine transform. A mirroring one turns the winding too, so that front sides
-    /// stay front sides.
+    /// Moves everything by an affine transform. A mirroring one turns the winding too.
     pub fn transform(&mut self, transform: &Mat4) {
         let linear = Mat3::from_mat4(*transform);
         for position in &mut self.positions {

@@ -48,8 +48,7 @@ pub(super) fn is_far(centre: DVec3, diagonal: f64) -> bool {
     diagonal > 0.0 && diagonal.is_finite() && centre.length() > DISTANCE_MAX * diagonal
 }
 
-/// The middle of places that lie far from the origin for their extent; none where they do not. Places that
-/// are not finite do not count.
+/// The middle of finite places that lie far from the origin for their extent, if they do.
 pub(super) fn far_middle(places: impl Iterator<Item = DVec3>) -> Option<DVec3> {
     let nothing = (DVec3::INFINITY, DVec3::NEG_INFINITY);
     let around = |(min, max): (DVec3, DVec3), at: DVec3| (min.min(at), max.max(at));

@@ -106,8 +106,7 @@ impl Scene {
         self.instances.as_ref()?.placed().get(number as usize)
     }
 
-    /// Every mesh with the instance it is met in, instance by instance; once with [`NO_INSTANCE`] in a scene
-    /// without instances.
+    /// Every mesh with its instance, instance by instance; once with [`NO_INSTANCE`] without instances.
     pub fn placed_meshes(&self) -> impl Iterator<Item = (&Mesh, u32)> {
         let instances = self.instances.as_deref();
         let flat = if instances.is_none() { &self.meshes[..] } else { &[] };

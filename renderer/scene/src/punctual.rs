@@ -189,8 +189,7 @@ mod tests {
 
     #[test]
     fn cones_end_where_they_should() {
-        // The last ones are narrower than the 0.001 between cosines that the extension's own code divides by
-        // at least.
+        // The last ones are narrower than the 0.001 that the extension divides by at least.
         for (inner, outer) in [(0.2, 0.3), (0.0, FRAC_PI_4), (0.5, FRAC_PI_2), (0.0, 0.03), (0.002, 0.004)] {
             let cone = Some(Cone::new(Vec3::NEG_Y * 7.0, inner, outer));
             let spot =

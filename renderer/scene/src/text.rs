@@ -3,8 +3,7 @@
 
 use std::borrow::Cow;
 
-/// The text of a file with line feeds alone as line ends and without a byte order mark. Invalid bytes become
-/// the replacement character.
+/// A file's text with line feeds alone and no byte order mark. Invalid bytes are replaced.
 pub(super) fn decoded(bytes: &[u8]) -> Cow<'_, str> {
     let text = match bytes {
         [0xff, 0xfe, rest @ ..] => Cow::Owned(utf16(rest, u16::from_le_bytes)),

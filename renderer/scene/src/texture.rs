@@ -20,8 +20,7 @@ pub enum Encoding {
     Linear,
 }
 
-/// A picture to be looked up by texture coordinates: (0, 0) is the upper left corner, (1, 1) the lower right
-/// one.
+/// A picture by texture coordinates: (0, 0) is the upper left corner, (1, 1) the lower right one.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Texture {
     /// The whole picture first, then each half as wide and high, down to one pixel.

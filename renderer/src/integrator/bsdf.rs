@@ -33,8 +33,7 @@ pub struct Bsdf {
     /// Reflectance of a microfacet at normal incidence and at grazing angles.
     f0: Vec3,
     f90: f32,
-    /// Reflectance of the whole layer at grazing angles: a rough one reflects less than its microfacets,
-    /// since they shadow each other there.
+    /// Reflectance of the layer at grazing angles: microfacets of a rough one shadow each other there.
     layer_f90: Vec3,
     /// GGX width; `None` for a perfect mirror.
     alpha: Option<f32>,
@@ -46,8 +45,7 @@ pub struct Bsdf {
     matt: bool,
 }
 
-/// A surface seen from one direction: what all light directions share. `THIN` is false where nothing in the
-/// scene lets light through.
+/// A surface seen from one direction. `THIN` is false where nothing in the scene lets light through.
 #[derive(Clone, Copy, Debug)]
 pub struct Seen<'a, const THIN: bool> {
     bsdf: &'a Bsdf,
@@ -58,8 +56,7 @@ pub struct Seen<'a, const THIN: bool> {
     shares: Shares,
     /// The share of light from there that the layer of a rough metal loses.
     loss: f32,
-    /// Smith's root of the view's cosine, `sqrt(α² + (1 - α²) cos²)`, and `0.5 / (cos + root)`: masking over
-    /// four cosines.
+    /// Smith's `sqrt(α² + (1 - α²) cos²)` of the view, and `0.5 / (cos + root)`: masking over four cosines.
     root: f32,
     masking: f32,
 }

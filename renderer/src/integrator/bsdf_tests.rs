@@ -170,8 +170,7 @@ fn samples_follow_their_density_cell_by_cell() {
             let column = (azimuth / TAU * CELLS as f32) as usize;
             counts[row.min(CELLS - 1)][column.min(CELLS - 1)] += 1;
         }
-        // Pearson's statistic over 64 cells; 64 degrees of freedom stay below 130 with overwhelming
-        // probability.
+        // Pearson's statistic; 64 degrees of freedom stay below 130 with overwhelming probability.
         let mut statistic = 0.0;
         for (row, line) in counts.iter().enumerate() {
             for (column, &count) in line.iter().enumerate() {
@@ -199,8 +198,7 @@ fn reciprocity_holds() {
     }
 }
 
-/// The formula as the books write it, in double precision: Walter et al. 2007 with height-correlated Smith
-/// shadowing (Heitz 2014).
+/// The books' formula in double precision: Walter et al. 2007, height-correlated Smith (Heitz 2014).
 #[test]
 fn the_rearranged_lobe_is_the_one_in_the_books() {
     let lambda = |alpha: f64, cosine: f64| {

@@ -105,8 +105,7 @@ mod tests {
             sum += f64::from(1.0 / light.pdf);
             assert!(radiance.x >= 0.5);
         }
-        // The mean of one over the density is the whole sphere; the bright spot leaves few samples for the
-        // rest.
+        // The mean of one over the density is the whole sphere; few samples miss the bright spot.
         let sphere = sum / 20_000.0;
         assert!((sphere - 12.566).abs() < 1.0, "{sphere}");
     }

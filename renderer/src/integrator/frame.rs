@@ -11,8 +11,7 @@ use super::{
 use crate::film::{Film, Tile};
 use crate::limits::{BOUNCES_MAX, FIRST_SHADOW_RAYS_MAX, SOLID_WAYS_MAX};
 
-/// Vertices that stand for further shadow rays of a first hit, beyond those of the longest path with its last
-/// ray.
+/// Vertices of further shadow rays of a first hit, beyond those of the longest path.
 const FURTHER: u16 = 1 << 15;
 
 const _: () =
@@ -75,8 +74,7 @@ impl<'a> Frame<'a> {
         (self.first_shadow_rays > 1 && path.vertex == 0).then_some((*path, *ray))
     }
 
-    /// The further shadow rays of a first hit. Each is drawn like the one of its shading, which is repeated
-    /// with other random numbers.
+    /// The further shadow rays of a first hit: its shading, repeated with other random numbers.
     #[inline(always)]
     pub(super) fn further_shadows(
         &self,
@@ -98,8 +96,7 @@ impl<'a> Frame<'a> {
         (next.shadow && self.keeps_shadow(random, vertex, &mut shadow)).then_some(shadow)
     }
 
-    /// Decides about a shadow ray of a vertex, and lets it bring its share of the light, more if it stays
-    /// by chance.
+    /// Decides about a vertex's shadow ray, which brings more light if it stays by chance.
     #[inline(always)]
     pub(super) fn keeps_shadow(&self, random: PathRandom, vertex: u16, shadow: &mut Shadow) -> bool {
         if self.first_shadow_rays > 1 && (vertex == 0 || vertex >= FURTHER) {
@@ -114,8 +111,7 @@ impl<'a> Frame<'a> {
         self.tracing.is_last_ray(path) || self.roulette.keeps_path(vertex, path)
     }
 
-    /// Whether for rays of a stage, counted from the camera's as 0, it is enough to know that they meet
-    /// something.
+    /// Whether rays of a stage, the camera's as 0, need only know that they meet something.
     #[inline(always)]
     pub(super) fn is_blind(&self, stage: u32) -> bool {
         stage == self.tracing.bounces && !self.kernel.needs.last_hits()

@@ -81,8 +81,7 @@ fn split(range: &Range<usize>, members: &mut [u32], lamps: &[Lamp]) -> Option<us
 }
 
 impl LampGroups {
-    /// Groups of lamps of these powers, at most [`LAMP_GROUPS_MAX`]: O(lamps × log(groups)) unless they lie
-    /// very unevenly.
+    /// Groups of lamps of these powers, at most [`LAMP_GROUPS_MAX`], mostly in O(lamps × log(groups)).
     pub(super) fn new(lamps: &[Lamp], powers: &[f64]) -> Self {
         let mut members: Vec<u32> = (0..lamps.len() as u32).collect();
         let mut open = BinaryHeap::from([Part::new(0..members.len(), &members, lamps, powers)]);
@@ -155,8 +154,7 @@ impl LampGroups {
 }
 
 impl LampGroup {
-    /// Its light at a surface if nothing were in between, for a power of 1 of all groups and as if it shone
-    /// evenly to all sides.
+    /// Its unshadowed light at a surface, for a power of 1 of all groups and as if it shone evenly.
     #[inline]
     pub(super) fn reach(&self, position: Vec3, normal: Vec3) -> f32 {
         let offset = self.middle - position;

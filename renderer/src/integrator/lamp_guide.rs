@@ -42,8 +42,7 @@ const GAIN_MAX: f32 = 64.0;
 #[derive(Clone, Debug)]
 pub(super) struct LampGuide {
     grid: Grid,
-    /// Keys of cells and the numbers of their tables, by hash: a power of two, at least half of them
-    /// [`EMPTY`].
+    /// Keys of cells and numbers of their tables, by hash: a power of two, half of them [`EMPTY`].
     slots: Vec<(u64, u32)>,
     tables: Vec<LampTable>,
     /// Of all tables.
@@ -91,13 +90,11 @@ pub(super) struct LampDraw {
     pub(super) lamp: usize,
     /// Its probability by power alone over that with which it was drawn.
     pub(super) ratio: f32,
-    /// The factor, by whether its light arrives, on what it would bring if nothing were in between. Drawn
-    /// lamps are compared by it.
+    /// The factor, by whether its light arrives, on its unshadowed light. Drawn lamps are compared by it.
     pub(super) worth: f32,
 }
 
-/// Cells by place and side: their width is the power of two at or below their distance from the eye, over
-/// the fineness.
+/// Cells by place and side, as wide as the power of two at or below their distance, over the fineness.
 #[derive(Clone, Copy, Debug)]
 struct Grid {
     eye: Vec3,
@@ -323,8 +320,7 @@ impl LampGuide {
         (slot + 1) & (self.slots.len() - 1)
     }
 
-    /// The factor on the weight of sampled lamps over that of their density by power, which accounts for
-    /// what was learnt.
+    /// The factor of what was learnt on the weight of sampled lamps over that of their density by power.
     pub(super) fn gain(&self) -> f32 {
         self.gain
     }
@@ -343,8 +339,7 @@ impl LampGuide {
         }
     }
 
-    /// Draws a lamp from a table by a number in [0, 1). `by_power` draws one among all by power, by such a
-    /// number.
+    /// Draws a lamp from a table by a number in [0, 1). `by_power` draws one among all by power.
     #[inline]
     pub(super) fn draw(&self, table: &LampTable, pick: f32, by_power: impl Fn(f32) -> usize) -> LampDraw {
         let entries = &self.entries[table.first as usize..table.end as usize];

@@ -51,8 +51,7 @@ pub struct Lights {
     /// Probability that [`Lights::sample`] turns to the environment map.
     environment_share: f32,
     punctual: Option<PunctualLights>,
-    /// Probability that [`Lights::sample`] turns to a light without size where it does not turn to the
-    /// environment map.
+    /// Probability that [`Lights::sample`] turns to a light without size, the environment map aside.
     punctual_share: f32,
 }
 
@@ -142,8 +141,7 @@ impl Lights {
         }
         let table = AliasTable::new(&weights);
         let sun = scene.sky.sun.filter(|sun| luminance(sun.irradiance) > 0.0).map(|sun| {
-            // A point-like sun would have infinite radiance; a tenth of the real one's half angle is sharp
-            // enough.
+            // A point-like sun would have infinite radiance; a tenth of the real half angle is sharp enough.
             let half_angle = sun.half_angle_rad.clamp(5e-4, 1.0);
             let direction = sun.direction.normalize_or(Vec3::Y);
             // 1 - cos, without cancellation.
@@ -366,8 +364,7 @@ impl Lights {
         if fixed > 0.0 { share / fixed } else { 0.0 }
     }
 
-    /// The density of lamp samples from a position over [`Lights::lamp_density`]. After the `last` bounce the
-    /// sky has no share.
+    /// The density of lamp samples from a position over [`Lights::lamp_density`]; no sky after `last`.
     #[inline(always)]
     pub(super) fn lamp_factor(&self, position: Vec3, last: bool) -> f32 {
         match self.learnt_shares(position) {
@@ -461,8 +458,7 @@ impl Lights {
         self.resampled(numbers, u, position, normal, draw)
     }
 
-    /// One that belongs to the place, where that was learnt. A call of its own, which the others need not
-    /// make room for.
+    /// One by the place, where that was learnt; apart, so that the others need no room for it.
     #[inline(never)]
     fn learnt_lamp(
         &self,
@@ -537,8 +533,7 @@ impl Lights {
         Lamp { emission: factor * value.xyz(), ..lamp }
     }
 
-    /// Radiance of the sky in a direction and the density with which it is sampled from a position; `None`
-    /// where it is not sampled.
+    /// Radiance of the sky in a direction and its sampling density; `None` where it is not sampled.
     #[inline(always)]
     pub fn environment(&self, position: Vec3, direction: Vec3) -> Option<(Vec3, f32)> {
         if self.environment_share == 0.0 {

@@ -21,8 +21,7 @@ pub(super) struct Multiple {
     pub(super) losses: Losses,
 }
 
-/// The loss of the first lobe where all microfacets reflect all light: by powers of `cosine / (cosine +
-/// alpha)` from the first on.
+/// The loss of the first lobe of perfect microfacets, by powers of `cosine / (cosine + alpha)` from 1.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Losses(pub(super) [f32; 4]);
 
@@ -50,8 +49,7 @@ impl Multiple {
     /// Nothing.
     pub(super) const NONE: Self = Self { albedo: Vec3::ZERO, scale: 0.0, losses: Losses([0.0; 4]) };
 
-    /// Of a metal with this mean reflectance of a microfacet over all directions, which is this share of the
-    /// surface.
+    /// Of a metal with this mean reflectance of a microfacet, which is this share of the surface.
     pub(super) fn new(roughness: f32, mean: Vec3, metallic: f32) -> Self {
         let (losses, mean_loss) = losses(roughness);
         let mean_loss = mean_loss.max(1e-4);

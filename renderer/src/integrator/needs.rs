@@ -21,8 +21,7 @@ pub struct Needs {
     pub sun: bool,
     /// More than one material.
     pub materials: bool,
-    /// Objects placed by instances. Kernels for such scenes, and for those of the four needs below, can do
-    /// all of the six above.
+    /// Objects placed by instances; such kernels, and those of the four needs below, can do all above.
     pub instances: bool,
     /// Materials with textures.
     pub textures: bool,

@@ -100,8 +100,7 @@ impl PunctualLights {
         Some((self.lights[number].arrival(position), SHARES as f32 / parts[number] as f32))
     }
 
-    /// The arrival of one of a few candidates, which are drawn by power; the second number weighs it against
-    /// the others.
+    /// The arrival of one of a few candidates drawn by power; the second number weighs it.
     fn one_of_many(
         &self,
         position: Vec3,

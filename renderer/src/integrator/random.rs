@@ -105,8 +105,7 @@ mod tests {
 
     #[test]
     fn numbers_are_uniform_within_and_across_pixels() {
-        // A chi-square statistic over 64 cells has mean 63 and standard deviation 11.2; 110 is above four of
-        // them.
+        // A chi-square statistic over 64 cells has mean 63 and standard deviation 11.2.
         let chi_square = |numbers: Vec<f32>| {
             let expected = numbers.len() as f64 / 64.0;
             let mut cells = [0_u32; 64];

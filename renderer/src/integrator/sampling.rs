@@ -4,8 +4,7 @@ use std::f32::consts::FRAC_PI_2;
 
 use glam::Vec3;
 
-/// An orthonormal frame around a normal, after Duff et al. (Building an Orthonormal Basis, Revisited,
-/// JCGT 2017). Local z is the normal.
+/// An orthonormal frame around local z, a normal, after Duff et al. (JCGT 2017).
 #[derive(Clone, Copy, Debug)]
 pub struct Basis {
     tangent: Vec3,
@@ -106,8 +105,7 @@ pub struct AliasTable {
 }
 
 impl AliasTable {
-    /// The table over weights that are finite and not negative. `None` if they add up to nothing or there
-    /// are more than `u32::MAX` of them.
+    /// The table over weights that are finite and not negative. `None` for a sum of zero or too many.
     pub fn new(weights: &[f64]) -> Option<Self> {
         let total: f64 = weights.iter().sum();
         if !(total.is_finite() && total > 0.0) || u32::try_from(weights.len()).is_err() {
@@ -169,15 +167,13 @@ mod tests {
         }
     }
 
-    /// Pearson's statistic of counts over cells of equal probability. With n cells it has mean n - 1 and
-    /// standard deviation √(2 (n - 1)).
+    /// Pearson's statistic over n cells of equal probability: mean n - 1, deviation √(2 (n - 1)).
     fn chi_square(counts: &[u32]) -> f64 {
         let expected = f64::from(counts.iter().sum::<u32>()) / counts.len() as f64;
         counts.iter().map(|&count| (f64::from(count) - expected).powi(2) / expected).sum()
     }
 
-    /// Samples a shape and counts cells of equal probability on a grid of 8 by 8, as `cell` maps them to the
-    /// unit square.
+    /// Counts samples over 8 by 8 cells of equal probability, which `cell` maps to the unit square.
     fn fills_its_cells_evenly<T>(sample: impl Fn([f32; 2]) -> T, cell: impl Fn(T) -> [f32; 2]) {
         let random = PathRandom::new(23, 0, 0);
         let mut counts = [0_u32; 64];
@@ -206,8 +202,7 @@ mod tests {
             |u| uniform_cone(u, cos_max),
             |direction| [(1.0 - direction.z) / (1.0 - cos_max), azimuth(direction)],
         );
-        // Uniform over a triangle: the squared distance from the first corner's side is, and the place along
-        // it.
+        // Uniform over a triangle: the squared distance from a side, and the place along it.
         fills_its_cells_evenly(uniform_triangle, |[v, w]| [(v + w) * (v + w), w / (v + w).max(1e-9)]);
     }
 

@@ -93,8 +93,7 @@ pub(super) fn render<I: Intersector>(
     }
 }
 
-/// How rays of a stage go: together only those of the first. Rays after a bounce have parted; those from the
-/// second on wait for memory most.
+/// How rays of a stage go: together those of the first; from the second on they wait for memory most.
 fn packets_of(stage: u32, bounces: Packets) -> Packets {
     match stage {
         0 => Packets::SixteenCoherent,

@@ -196,8 +196,7 @@ impl Surface {
     }
 }
 
-/// Distance by which rays start off a surface at a position, with the longest edge and the magnitude of where
-/// its object stands.
+/// Distance by which rays start off a surface, by the longest edge and its object's place.
 #[inline(always)]
 pub(super) fn offset(position: Vec3, place: f32, edge: f32) -> f32 {
     let magnitude = position.abs().max_element().max(place);

@@ -151,8 +151,7 @@ impl Shadow {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Kernel {
     pub(super) needs: Needs,
-    /// Adds the emission at a hit to the radiance, prepares the shadow ray, and turns path and ray to where
-    /// they go next.
+    /// Adds a hit's emission to the radiance, prepares the shadow ray, and turns path and ray.
     pub(super) vertex: Vertex,
 }
 
@@ -337,8 +336,7 @@ impl Context<'_> {
         pdf: f32,
     ) -> bool {
         path.throughput *= weight;
-        // A direction above the shading normal's horizon but below the triangle's would start inside the
-        // solid.
+        // A direction above the shading horizon but below the triangle's would start inside the solid.
         let outside = direction.dot(self.surface.geometric_normal) > 0.0;
         if !outside || path.throughput == Vec3::ZERO {
             return false;
@@ -349,8 +347,7 @@ impl Context<'_> {
         true
     }
 
-    /// Lets a path go on in another direction. Behind a perfect mirror it seems to come from as far away as
-    /// before.
+    /// Lets a path go on elsewhere. Behind a perfect mirror it seems to come from as far away.
     #[inline(always)]
     pub(super) fn redirect(&self, path: &mut Path, ray: &mut Ray, direction: Vec3, pdf: f32) {
         let position = self.surface.position;

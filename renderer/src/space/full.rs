@@ -95,8 +95,7 @@ fn tunable(premises: &Premises) -> Vec<Explained> {
     let each_frame = premises.builds_each_frame;
     let quality = if each_frame { 1 } else { 2 };
     let collapse = if each_frame { "builder" } else { "optimal" };
-    // Leaves of fewer triangles than a block leave lanes empty. A tree for one frame is sooner built with
-    // larger ones.
+    // Leaves of less than a block leave lanes empty; a tree for one frame is built sooner with larger ones.
     let min_leaf_size = if each_frame { 16 } else { 8 };
     vec![
         tunable(choice(

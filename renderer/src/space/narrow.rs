@@ -168,8 +168,7 @@ impl TuningSpace {
         Ok(Self { space, about, held, ..self.clone() })
     }
 
-    /// A configuration of a narrower space as one of the whole: with the values that are held, as far as they
-    /// count.
+    /// A configuration of a narrower space as one of the whole: with the held values, as far as they count.
     #[must_use]
     pub fn with_held(&self, configuration: &Configuration) -> Configuration {
         let mut whole = configuration.clone();
@@ -224,8 +223,7 @@ impl Narrow {
         }
     }
 
-    /// Whether the parameter can be active beside these, which come before it. Its condition keeps only the
-    /// values that are still possible.
+    /// Whether the parameter can be active beside earlier ones; impossible values leave its condition.
     fn find_condition(&mut self, kept: &[Narrow]) -> bool {
         let Some(Condition { parameter: parent, any_of }) = self.parameter.active_if.take() else {
             return true;
@@ -247,8 +245,7 @@ impl Narrow {
     }
 }
 
-/// Holds one leaf size to what the other, where it is fixed, leaves possible. The error names the one that
-/// has nothing left.
+/// Holds one leaf size to what the other leaves possible. The error names the one with nothing left.
 fn keep_order(all: &mut [Narrow]) -> Result<(), &'static str> {
     for (fixed, other, is_lesser) in [(LESSER, GREATER, true), (GREATER, LESSER, false)] {
         let held = all.iter().find(|one| one.parameter.name == fixed && one.is_held);

@@ -31,8 +31,7 @@ const RETIRED: &[(&str, &[&str])] = &[
 ];
 
 impl TuningSpace {
-    /// The parameters of a configuration that are gone from this space: where they say what the renderer does
-    /// anyway, they are ignored.
+    /// A configuration's parameters that are gone: where they say what happens anyway, they are ignored.
     pub fn retired(&self, given: &Configuration) -> Vec<&'static str> {
         let all = if self.preset == Preset::Full { RETIRED } else { &[] };
         all.iter().map(|(name, _)| *name).filter(|name| given.get(name).is_some()).collect()

@@ -27,8 +27,7 @@ pub enum Start {
 }
 
 impl Start {
-    /// The mark that distinguishes a study that begins here from others, e.g. `-from-native`; empty for the
-    /// recommended start.
+    /// The mark of a study that begins here, e.g. `-from-native`; empty for the recommended start.
     pub fn mark(&self, space: &TuningSpace) -> String {
         match self {
             Self::Recommended => String::new(),

@@ -122,8 +122,7 @@ impl Apart {
         }
     }
 
-    /// Whether a measurement agrees with what is known. If not, what is known of its configuration is
-    /// forgotten.
+    /// Whether a measurement agrees with what is known, which else is forgotten.
     fn accepts(&mut self, choice: &Choice, known: Option<Known>, new: Timed) -> bool {
         let agrees = known.is_none_or(|known| known.agrees(new));
         if !agrees {

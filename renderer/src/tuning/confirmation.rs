@@ -93,8 +93,7 @@ pub fn is_over(trial: &Iteration) -> bool {
     trial.rule == Some(OpenEnum::Known(Rule::Finished))
 }
 
-/// Measures configurations that the service did not ask for, each once a round, and reports each as a trial
-/// of its own.
+/// Measures configurations beyond the service's questions once a round; each becomes a trial.
 fn tell(
     renderer: &mut Renderer,
     study: &Study,

@@ -48,8 +48,7 @@ pub const STRUCTURE_BYTES: &str = "structure_bytes";
 /// Number of frames that share a build in progressive rendering.
 const PROGRESSIVE_FRAMES_PER_BUILD: u32 = 1000;
 
-/// Seed of every random decision in these studies. It is part of a study's definition, so all clients share
-/// it.
+/// Seed of every random decision in these studies: a part of their definition, for all clients.
 const STUDY_SEED: u64 = 1;
 
 /// The two use cases of the paper's section 7, and what light sampling is judged by.

@@ -43,8 +43,7 @@ pub struct TuningResults {
     pub trials: Vec<Iteration>,
     /// The standing of the service's answer after all of them.
     pub confirmation: Option<treewright_client::Standing>,
-    /// The standing that the run is compared with: the paper's default in its own space, else native
-    /// Embree's.
+    /// The standing to compare with: the paper's default in its own space, else native Embree's.
     pub baseline: Who,
     /// The baseline's cost while the search ran: what the trials' costs are compared with.
     pub reference_ms: f64,
@@ -62,8 +61,7 @@ pub struct TuningResults {
     pub disturbance: Disturbance,
     /// The predictor's answer for a camera that was never tuned.
     pub prediction: Option<Prediction>,
-    /// Frames of the trials that cost more than the start; `None` until [`TuningResults::judged`], and where
-    /// nothing ran.
+    /// Frames of trials that cost more than the start; `None` until [`TuningResults::judged`].
     pub safety: Option<Safety>,
     /// Time of questions to the service and of reports.
     pub overhead: Overhead,
@@ -194,16 +192,14 @@ impl TuningResults {
         (speedup.count > 0 && speedup.median > 0.0).then(|| 1.0 / speedup.median)
     }
 
-    /// The cost of the start while the search ran: that of its trials, else of the baseline's frames around
-    /// the search and the final rounds.
+    /// The cost of the start during the search: that of its trials, else of the baseline's frames.
     pub fn start_ms(&self) -> Option<f64> {
         let of_start = self.trials.iter().filter(|trial| trial.configuration == self.start);
         let costs: Vec<f64> = of_start.filter_map(|trial| trial.cost).collect();
         start_cost(&costs, || Some(self.reference_ms * self.relative(&self.began_at)?))
     }
 
-    /// With its [`safety`](Self::safety). A trial that was stopped counts as one frame at its bound, and one
-    /// whose frame was known as that frame.
+    /// With its [`safety`](Self::safety). A trial that was stopped counts as one frame at its bound.
     #[must_use]
     pub fn judged(self) -> Self {
         let cost = |trial: &Iteration| match trial.stopped_at() {

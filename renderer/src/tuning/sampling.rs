@@ -26,8 +26,7 @@ pub struct Sequence {
 }
 
 impl Sequence {
-    /// The sequence of a space at the place that the indicators describe. Another seed, part of the space or
-    /// place makes another sequence.
+    /// A space's sequence at the place of the indicators; seed, part of the space and place set it.
     pub fn new(space: &TuningSpace, state: &Indicators, seed: u64) -> Self {
         let mut described = seed.to_le_bytes().to_vec();
         for one in space.explained() {

@@ -50,8 +50,7 @@ pub fn natives() -> [Contender; 4] {
     [named(Who::PaperDefault, Choice::paper_default()), low, default, high]
 }
 
-/// Native Embree with the stages and packets of the best fixed configuration, once for each quality that
-/// there is.
+/// Native Embree with the stages and packets of the best fixed configuration, for each quality.
 pub fn used_well(full: &TuningSpace) -> Vec<Rival> {
     let rival = |quality: NativeQuality| {
         let given = Configuration::new().with("backend", "native").with("native_quality", quality.name());

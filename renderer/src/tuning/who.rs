@@ -25,8 +25,7 @@ pub enum Who {
     UsedWellIn(NativeUse),
     /// The fastest of these variants and of Embree's default, path by path.
     UsedWell,
-    /// The configuration that is recommended for all scenes, the best known by hand, where a search in the
-    /// full space begins.
+    /// The configuration recommended for all scenes, where a search in the full space begins.
     BestFixed,
     /// The recommendation for an objective, where those for several run side by side.
     BestFixedFor(Objective),

@@ -50,8 +50,7 @@ impl Case {
         Self { renderer, scenes, rays, hits, picture }
     }
 
-    /// Runs a configuration and returns its fault, if any. A configuration that cannot be built here has
-    /// none.
+    /// Runs a configuration and returns its fault. One that cannot be built here has none.
     pub(crate) fn run(&mut self, space: &TuningSpace, configuration: &Configuration) -> Result<(), String> {
         let choice = space.choice(configuration).map_err(|error| error.to_string())?;
         let Some(structure) = self.build(&choice)? else {

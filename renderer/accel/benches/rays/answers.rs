@@ -29,8 +29,7 @@ fn answers(intersector: &dyn Intersector, packets: Packets, set: &RaySet) -> Vec
 fn differ(this: Answer, that: Answer) -> bool {
     match (this, that) {
         (Some((t, triangle)), Some((other, others))) => {
-            // The distance of a triangle that is met at a glancing angle hangs on the last digits of the
-            // test.
+            // At a glancing angle the distance hangs on the last digits of the test.
             let tolerance = if triangle == others { 1e-2 } else { 1e-4 };
             (t - other).abs() > tolerance * (1.0 + t)
         }

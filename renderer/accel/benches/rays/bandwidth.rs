@@ -5,8 +5,7 @@ use std::time::{Duration, Instant};
 
 use rayon::{ThreadPool, ThreadPoolBuildError, ThreadPoolBuilder};
 
-/// Bytes for each thread that lie in the second cache, in the third one, and in neither on today's
-/// processors.
+/// Bytes for each thread that lie in the second cache, in the third one, and in neither.
 const SIZES: [(&str, usize); 3] =
     [("second cache", 512 << 10), ("third cache", 4 << 20), ("memory", 128 << 20)];
 

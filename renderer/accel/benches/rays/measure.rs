@@ -27,8 +27,7 @@ pub(crate) struct Speed {
     pub(crate) million_rays_per_s: f64,
 }
 
-/// Measures every structure with single rays, and those with packets of their own also with the best packing
-/// of each set.
+/// Measures every structure with single rays, and those with own packets also with the best packing.
 pub(crate) fn measure(
     recording: &Recording,
     contenders: &[Built],

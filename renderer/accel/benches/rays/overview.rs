@@ -56,8 +56,7 @@ fn is_recommended(one: &Speed) -> bool {
     one.name == RECOMMENDED && !one.packed
 }
 
-/// A cost of a ray: its name, and the figure from what a number of rays visit and the speed of single rays in
-/// millions a second.
+/// A cost of a ray: its name, and the figure from visits and the million single rays a second.
 type Quantity = (&'static str, fn(&Visits, f64, f64) -> f64);
 
 const QUANTITIES: [Quantity; 5] = [

@@ -101,8 +101,7 @@ unsafe impl Sync for Inner {}
 static OPEN: Mutex<Option<Device>> = Mutex::new(None);
 
 impl Device {
-    /// Opens Embree, or gives the open device again. `threads` is the number of build threads,
-    /// 0 for one a core.
+    /// Opens Embree, or gives the open device again. `threads` build threads; 0 means one a core.
     pub fn open(threads: usize) -> Result<Self, DeviceError> {
         if threads > THREADS_MAX {
             return Err(DeviceError::TooManyThreads { asked: threads });
@@ -226,8 +225,7 @@ impl MemoryMonitor {
 
 impl Drop for Inner {
     fn drop(&mut self) {
-        // SAFETY: the handle is valid and ours; `memory` is dropped after it; structures hold a `Device` and
-        // so outlive none of this.
+        // SAFETY: the handle is valid and ours; structures hold a `Device`, so none outlives it.
         unsafe { ffi::rtcReleaseDevice(self.handle) };
     }
 }

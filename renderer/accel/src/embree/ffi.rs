@@ -78,8 +78,7 @@ pub(crate) struct RayHit {
     pub(crate) hit: RtcHit,
 }
 
-/// `RTCRay8` and `RTCRay16`: field by field what [`RtcRay`] is, `N` numbers each. The alignment is that of
-/// the wider one.
+/// `RTCRay8` and `RTCRay16`: [`RtcRay`] field by field, `N` numbers each, as aligned as the wider one.
 #[repr(C, align(64))]
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct RayPacket<const N: usize> {

@@ -44,8 +44,7 @@ impl NativeInstances {
         Ok(Self { top, objects, first, instances: Arc::clone(instances), options: *options })
     }
 
-    /// Updates the scenes of objects that move, then rebuilds the scene of instances: they refer to the
-    /// objects' scenes, and may have moved.
+    /// Updates objects that move, then rebuilds the scene of instances, which refers to their scenes.
     pub(crate) fn update(
         &mut self,
         triangles: &Arc<Triangles>,

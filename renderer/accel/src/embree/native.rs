@@ -53,8 +53,7 @@ impl NativeScene {
         Self::build_as(device, triangles, options, false)
     }
 
-    /// As [`NativeScene::build`]; or, for refits, a scene of the kind whose geometries keep trees of their
-    /// own.
+    /// As [`NativeScene::build`]; for refits, of the kind whose geometries keep trees of their own.
     fn build_as(
         device: &Device,
         triangles: &Arc<Triangles>,
@@ -122,8 +121,7 @@ impl NativeScene {
         &self.device
     }
 
-    /// Bytes Embree took during the build, by its own memory monitor. A build running at the same time on
-    /// this device is counted in.
+    /// Bytes Embree took during the build, with those of other builds on this device at that time.
     pub fn bytes(&self) -> usize {
         self.bytes
     }
@@ -159,8 +157,7 @@ pub(super) fn new_scene(device: &Device, options: &NativeOptions) -> Result<Scen
     Ok(scene)
 }
 
-/// Commits a scene that reads `triangles`, or whose instances were built with `options`; `before` is what
-/// Embree held when its build began.
+/// Commits a scene; `before` is what Embree held when its build began.
 pub(super) fn commit(
     device: &Device,
     scene: SceneHandle,
@@ -232,8 +229,7 @@ fn attach(
 /// The geometry is valid, and the vertices outlive its use of them.
 unsafe fn set_positions(geometry: ffi::RTCGeometry, triangles: &Triangles) {
     let positions = triangles.positions();
-    // SAFETY: positions are 16 bytes apart and 16 bytes long, as Embree reads them; the rest the caller
-    // vouches for.
+    // SAFETY: positions are 16 bytes apart and long, as Embree reads them; the caller vouches for the rest.
     unsafe {
         ffi::rtcSetSharedGeometryBuffer(
             geometry,
@@ -268,8 +264,7 @@ impl Intersector for NativeScene {
             return None;
         }
         let mut query = ffi::RayHit { ray: to_embree(ray), hit: ffi::RtcHit::NONE };
-        // SAFETY: the scene is committed; our structure is at least as large as the library's (see `ffi`);
-        // null arguments mean the defaults.
+        // SAFETY: the scene is committed; our structure is large enough (see `ffi`); null means the defaults.
         unsafe { ffi::rtcIntersect1(self.scene.0, (&raw mut query).cast(), ptr::null_mut()) };
         let hit = &query.hit;
         (hit.geometry != ffi::INVALID_GEOMETRY).then_some(Hit {

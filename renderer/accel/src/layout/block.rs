@@ -17,8 +17,7 @@ pub(crate) struct Block<const B: usize> {
 const _: () = assert!(size_of::<Block<4>>() == 160 && size_of::<Block<8>>() == 320);
 
 impl<const B: usize> Block<B> {
-    /// Up to `B` triangles by number: with corners if `watertight`, otherwise with `v0`, `v0 - v1` and
-    /// `v2 - v0`.
+    /// Up to `B` triangles by number: with corners if `watertight`, else `v0`, `v0 - v1` and `v2 - v0`.
     pub(crate) fn new(numbers: impl Iterator<Item = u32>, triangles: &Triangles, watertight: bool) -> Self {
         let mut block = Self { vertices: [[[f32::NAN; B]; 3]; 3], triangles: [NO_TRIANGLE; B] };
         for (lane, number) in numbers.take(B).enumerate() {

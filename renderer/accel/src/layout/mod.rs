@@ -175,8 +175,7 @@ pub(crate) struct Root {
     pub(crate) triangles: Arc<Triangles>,
 }
 
-/// Compiles an expression for each kind of node and evaluates the one of these parameters:
-/// `for_node!(parameters, N => something::<N>())`.
+/// Evaluates an expression with the node type of the parameters: `for_node!(parameters, N => f::<N>())`.
 macro_rules! for_node {
     ($parameters:expr, $N:ident => $body:expr) => {{
         use $crate::layout::Node;

@@ -18,8 +18,7 @@ pub(crate) trait TreeNode: Copy + Send + Sync + 'static {
     /// The children, to be set.
     fn children_mut(&mut self) -> &mut [NodeRef];
 
-    /// Puts the child of place `order[p]` into place `p`; of the order, the first [`TreeNode::WIDTH`] places
-    /// count.
+    /// Puts the child of place `order[p]` into place `p`, for the first [`TreeNode::WIDTH`] places.
     fn permute(&mut self, order: &[u8; WIDTH_MAX]);
 
     /// The number of places in use.

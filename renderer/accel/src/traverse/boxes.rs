@@ -19,8 +19,7 @@ pub(crate) trait Boxes<N>: Copy {
 
     unsafe fn new(root: &Root, ray: &Ray) -> Self;
 
-    /// One bit for each child whose box meets the ray before `t_max`, and the entry distances, none of them
-    /// below zero.
+    /// One bit for each child whose box meets the ray before `t_max`, and entry distances of at least zero.
     unsafe fn test(&self, node: &N, t_max: f32) -> (u32, Self::Times);
 }
 

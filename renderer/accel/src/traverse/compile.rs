@@ -26,8 +26,7 @@ macro_rules! compile {
             use crate::parameters::TreeParameters;
             use crate::layout::{Node, TreeNode};
 
-            // SAFETY: for these, the caller has the processor features and a tree of nodes `N` and blocks
-            // of the width and kind `T` tests.
+            // SAFETY: the caller has the processor features, and a tree of nodes `N` and `T`'s blocks.
             $(#[$feature])*
             unsafe fn closest<N: TreeNode, const B: usize, X: Boxes<N>, T: Blocks<B>>(
                 root: &Root,
@@ -334,8 +333,7 @@ macro_rules! of_isa {
 }
 
 impl Kernels {
-    /// The functions for trees of these parameters, or `None` where `isa` is not available or there is no
-    /// such tree.
+    /// The functions for trees of these parameters; `None` where `isa` or the tree is not available.
     pub(crate) fn select(isa: Isa, parameters: &TreeParameters) -> Option<Self> {
         of_isa!(isa, select(parameters))
     }

@@ -98,8 +98,7 @@ pub(crate) struct Queries<'a> {
 /// # Safety
 /// The tree below `root` was built with these parameters and lives.
 pub(crate) unsafe fn visits(root: &Root, parameters: &TreeParameters, queries: &Queries<'_>) -> Visits {
-    // SAFETY: the kinds of nodes and blocks are those of the parameters, and portable vectors need no
-    // features.
+    // SAFETY: nodes and blocks are those of the parameters; portable vectors need no features.
     unsafe {
         match parameters.branching_factor {
             2 => of_nodes::<Node<2>, Portable<2>>(root, parameters, queries),

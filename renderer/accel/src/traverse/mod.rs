@@ -79,8 +79,7 @@ impl Kernels {
     #[inline(always)]
     pub(crate) unsafe fn closest(&self, root: &Root, ray: &Ray) -> Option<Hit> {
         let mut hit = Hit::none(ray.t_max);
-        // SAFETY: the caller vouches for the tree; the processor has what the kernels need, for they were
-        // selected.
+        // SAFETY: the caller vouches for the tree; the selected kernels suit the processor.
         unsafe { (self.closest)(root, root.node, ray, &mut hit) };
         hit.found()
     }
@@ -153,8 +152,7 @@ impl LevelKernels {
     #[inline(always)]
     pub(crate) unsafe fn closest(&self, root: &Root, lower: &Lower, ray: &Ray) -> Option<Hit> {
         let mut hit = Hit::none(ray.t_max);
-        // SAFETY: the caller vouches for the trees; the processor has what the kernels need, for they were
-        // selected.
+        // SAFETY: the caller vouches for the trees; the selected kernels suit the processor.
         unsafe { (self.closest)(root, lower, root.node, ray, &mut hit) };
         hit.found()
     }

@@ -29,8 +29,7 @@ pub(crate) struct Lower {
     pub(crate) kernels: Kernels,
 }
 
-/// The ray in another space, given by rows of three factors and a translation. [`Bundle::moved`] does this,
-/// too.
+/// The ray in a space given by rows of three factors and a translation, as [`Bundle::moved`] does.
 #[inline(always)]
 pub(crate) fn moved(ray: &Ray, rows: &[[f32; 4]; 3], t_max: f32) -> Ray {
     let turned = |[x, y, z, _]: [f32; 4], v: glam::Vec3| v.x * x + v.y * y + v.z * z;

@@ -18,8 +18,7 @@ use crate::layout::{Block, NodeRef, is_any_met, is_met};
 pub(crate) trait Blocks<const B: usize>: Copy {
     unsafe fn new(ray: &Ray) -> Self;
 
-    /// Replaces `hit` by a nearer one in the block, if there is one. `ray` is what this was made of, `all`
-    /// the triangles that blocks are made of.
+    /// Replaces `hit` by a nearer one in the block. `ray` is what this was made of, `all` the triangles.
     unsafe fn closest(&self, block: &Block<B>, ray: &Ray, all: &Triangles, hit: &mut Hit);
 
     /// Whether the ray hits a triangle of the block before it ends.
@@ -54,8 +53,7 @@ impl<T: Blocks<B>, const B: usize> Leaves for BlockLeaves<'_, T, B> {
     }
 }
 
-/// The result of a test: `hits` has one bit a lane. Distance and weights are multiplied by `scale`, so that
-/// tests need no division.
+/// The result of a test: one bit a lane. Distance and weights are multiplied by `scale`.
 #[derive(Clone, Copy)]
 pub(crate) struct Found<L> {
     pub(crate) hits: u32,

@@ -31,8 +31,7 @@ pub(super) fn axes(ray: &Ray) -> [usize; 3] {
 pub(super) struct Sheared<L> {
     /// Origin in the order of the axes.
     pub(super) origin: [L; 3],
-    /// Shear of the first two axes and scale of the third: the direction's components over its third, and one
-    /// over that.
+    /// Shear of the first two axes and scale of the third: direction over its third, and one over that.
     pub(super) shear: [L; 3],
     pub(super) t_min: L,
 }

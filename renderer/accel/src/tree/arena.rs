@@ -31,8 +31,7 @@ impl Arena {
         // SAFETY: the size is not zero.
         let start = NonNull::new(unsafe { alloc(layout) }).ok_or(BuildError::OutOfMemory)?;
         if align == HUGE_PAGE {
-            // Only a wish: whether it is granted changes nothing but speed.
-            // SAFETY: the range is ours.
+            // Only a wish, for speed alone. SAFETY: the range is ours.
             #[cfg(target_os = "linux")]
             let _ = unsafe { libc::madvise(start.as_ptr().cast(), size, libc::MADV_HUGEPAGE) };
         }

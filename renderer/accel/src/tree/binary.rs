@@ -169,8 +169,7 @@ pub(super) enum Opened<S> {
     Node([S; 2]),
 }
 
-/// A part of a sketch by Embree's builder. Only [`BinaryTree::from_sketch`] begins with one, whose caller
-/// vouches for all references.
+/// A part of a sketch. [`BinaryTree::from_sketch`] alone begins with one; its caller vouches for it.
 struct InSketch {
     bounds: Bounds,
     at: SketchRef,
@@ -200,8 +199,7 @@ impl Subtree for InSketch {
     }
 }
 
-/// A tree over boxes, at least one, that halves their list again and again. It is a bad one, but none is
-/// shallower.
+/// A tree over one or more boxes that halves their list: a bad one, but none is shallower.
 pub(super) fn halved(boxes: &[Bounds]) -> BinaryTree {
     BinaryTree::of(Halves { boxes, first: 0 })
 }

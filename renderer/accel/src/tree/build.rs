@@ -107,8 +107,7 @@ fn plan(device: &Device, triangles: &Triangles, parameters: &TreeParameters) -> 
     Ok(collapsed(tree, parameters))
 }
 
-/// The wide tree over some boxes, at least one, after some passes of optimisation. Each leaf has the number
-/// of one box.
+/// The optimised wide tree over one or more boxes. Each leaf has the number of one box.
 pub(super) fn plan_over(
     device: &Device,
     boxes: &[Bounds],

@@ -102,8 +102,7 @@ pub(crate) unsafe extern "C" fn set_children<N: TreeNode>(
     count: u32,
     user: *mut c_void,
 ) {
-    // SAFETY: `node` is null or came from `create_node`; `children` has `count` entries, each made by one
-    // of these functions.
+    // SAFETY: `node` is null or from `create_node`; each of `count` `children` is from these functions.
     unsafe {
         guarded(user, (), |_| {
             let Some(node) = node.cast::<N>().as_mut() else {
@@ -148,8 +147,7 @@ pub(crate) unsafe extern "C" fn create_leaf<const B: usize>(
     count: usize,
     user: *mut c_void,
 ) -> *mut c_void {
-    // SAFETY: Embree hands back our context, its allocator and `count` primitives; the room is large
-    // enough and aligned for the blocks written.
+    // SAFETY: Embree hands back our context, its allocator and `count` primitives; the room is fit.
     unsafe {
         guarded(user, std::ptr::null_mut(), |context| {
             if count == 0 {
@@ -186,8 +184,7 @@ thread_local! {
 /// [`Cutter`] are one instruction each with AVX-512, three with AVX2. Nothing in it can panic.
 macro_rules! split_primitive {
     ($(#[$feature:meta])* $name:ident) => {
-        // SAFETY: Embree hands back our context, one of our primitives and two boxes to write; the processor
-        // has the features.
+        // SAFETY: Embree hands back our context, our primitive and two boxes; the processor has the features.
         $(#[$feature])*
         unsafe extern "C" fn $name(
             primitive: *const ffi::RTCBuildPrimitive,

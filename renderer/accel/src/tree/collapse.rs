@@ -14,8 +14,7 @@ use crate::{layout::Bounds, parameters::TreeParameters};
 /// Fewest leaves of a subtree that is worth a task of its own.
 const LEAVES_PER_TASK: u32 = 4096;
 
-/// Levels on which tasks are split off. Below, and where the tree is very uneven, everything is done in a
-/// row.
+/// Levels on which tasks are split off; below them everything is done in a row.
 const TASK_LEVELS: u32 = 32;
 
 /// Cost of a subtree as at most `i + 1` children of one node, for each `i`.
@@ -44,8 +43,7 @@ impl Model {
         }
     }
 
-    /// Probability that a ray that meets the root's box meets this one. Where nothing has an area, boxes are
-    /// as good as equal.
+    /// Probability that a ray that meets the root's box meets this one; about 1 where nothing has an area.
     fn share(&self, node: &BinaryNode) -> f32 {
         if self.area > 0.0 { (node.bounds().half_area() / self.area) as f32 } else { 1.0 }
     }

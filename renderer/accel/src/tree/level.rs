@@ -128,8 +128,7 @@ impl Level {
         self.nodes * size_of::<Node<LEVEL_WIDTH>>() + self.parts * size_of::<PlacedPart>()
     }
 
-    /// Calls `visit` for every node below the root and every leaf with its depth, its box, and what a leaf
-    /// holds.
+    /// Calls `visit` for every node below the root and every leaf: its depth, its box, what a leaf holds.
     pub(super) fn walk(&self, visit: &mut impl FnMut(u32, Bounds, Option<&PlacedPart>)) {
         let mut stack = vec![(0, self.root.bounds, self.root.node)];
         while let Some((depth, bounds, node)) = stack.pop() {

@@ -66,8 +66,7 @@ enum Memory {
     Slabs(Vec<Arena>),
 }
 
-// SAFETY: after the build the nodes are never written, and Embree allows release from any thread; so does the
-// allocator.
+// SAFETY: nodes are never written after the build; Embree and the allocator release from any thread.
 unsafe impl Send for Tree {}
 // SAFETY: as above.
 unsafe impl Sync for Tree {}
@@ -83,15 +82,13 @@ impl Tree {
         self.isa
     }
 
-    /// The visits of queries by these rays, one after the other, for any hit or for the nearest. Takes some
-    /// ten times as long as the queries.
+    /// The visits of queries by these rays, any hit or the nearest. Takes some ten times the queries' time.
     pub fn visits(&self, rays: &[Ray], any: bool) -> Visits {
         // SAFETY: the parameters are those that the tree was built with.
         unsafe { count::visits(&self.root, &self.parameters, &count::Queries { rays, any }) }
     }
 
     /// This tree walked by another instruction set's kernels, or `None` if the processor lacks it.
-    /// For tests and measurements.
     pub fn with_isa(mut self, isa: Isa) -> Option<Self> {
         self.kernels = Kernels::select(isa, &self.parameters)?;
         self.isa = isa;

@@ -16,8 +16,7 @@ const NUMBER_BITS: u32 = TRIANGLES_MAX.ilog2();
 /// Bits of the digit by which keys are parted.
 const DIGIT_BITS: u32 = 11;
 
-/// Bits of a code: those of a digit for each axis, so that a grid has as many cells an axis as a digit
-/// values.
+/// Bits of a code: a digit for each axis.
 const CODE_BITS: u32 = 3 * DIGIT_BITS;
 
 const DIGIT_VALUES: usize = 1 << DIGIT_BITS;
@@ -47,8 +46,7 @@ impl Key {
         (self.0 & ((1 << NUMBER_BITS) - 1)) as u32
     }
 
-    /// Where sorted keys part: at the first with the highest bit in which codes differ, or in the middle if
-    /// none does. There are two or more.
+    /// Where two or more sorted keys part: at the highest bit in which codes differ, or in the middle.
     pub(super) fn middle(keys: &[Self]) -> usize {
         let (first, last) = (keys[0].0 >> NUMBER_BITS, keys[keys.len() - 1].0 >> NUMBER_BITS);
         if first == last {
@@ -153,8 +151,7 @@ fn sort(keys: &mut [Key], room: &mut [Key], bits: u32) {
         let parted = &parted;
         for key in keys {
             let place = &mut places[digit(key)];
-            // SAFETY: of the places, as many as there are keys, each chunk has those of its own digits for
-            // itself.
+            // SAFETY: each chunk has the places of its own digits for itself.
             unsafe { parted.0.add(*place as usize).write(*key) };
             *place += 1;
         }

@@ -39,8 +39,7 @@ impl Prospect {
         Self { blocked, cost: parameters.intersection_cost * blocks as f32 }
     }
 
-    /// Of a node of such half an area, whose children come in the order they are visited, with half their
-    /// areas.
+    /// Of a node of half this area, whose children come in the order of visits, with half their areas.
     fn node(
         children: impl Iterator<Item = (f32, Self)>,
         half_area: f32,
@@ -61,8 +60,7 @@ impl Prospect {
     }
 }
 
-/// The order of the children of a node of such half an area, each given by half its own and its prospect, and
-/// what awaits a ray there.
+/// The order of a node's children, given by half their areas and prospects, and what awaits a ray there.
 pub(super) fn order_of(
     children: &[(f32, Prospect)],
     half_area: f32,
@@ -97,8 +95,7 @@ struct Subtree {
     task_levels: u32,
 }
 
-// SAFETY: the subtrees of two different children of a node are disjoint, and each task has one of them for
-// itself.
+// SAFETY: subtrees of different children are disjoint, and each task has one of them for itself.
 unsafe impl Send for Subtree {}
 // SAFETY: as above.
 unsafe impl Sync for Subtree {}

@@ -52,15 +52,13 @@ impl Outline {
         Self { boxes: parts.into_iter().map(|(bounds, _)| bounds).collect() }
     }
 
-    /// A box around the triangles after `by`. Each box is turned by itself, so it is tighter than the turned
-    /// box of the whole.
+    /// A box around the triangles after `by`: each box is turned by itself, which is tighter.
     pub(super) fn placed(&self, by: &Affine3A) -> Bounds {
         self.boxes.iter().map(|one| transformed(one, by)).fold(Bounds::EMPTY, Bounds::union)
     }
 }
 
-/// A box around `bounds` after `by`, rounded outwards: the box of the box (Arvo, "Transforming axis-aligned
-/// bounding boxes", 1990).
+/// A box around `bounds` after `by`, rounded outwards (Arvo, "Transforming axis-aligned bounding boxes").
 fn transformed(bounds: &Bounds, by: &Affine3A) -> Bounds {
     let (lower, upper) = (Vec3A::from_array(bounds.lower), Vec3A::from_array(bounds.upper));
     let (center, half) = (lower * 0.5 + upper * 0.5, upper * 0.5 - lower * 0.5);

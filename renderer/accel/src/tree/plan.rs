@@ -51,8 +51,7 @@ impl Run {
     }
 }
 
-/// The tree: nodes are runs of children, leaves are runs of triangle numbers. Nodes are numbered level by
-/// level.
+/// The tree: nodes are runs of children, level by level, leaves are runs of triangle numbers.
 #[derive(Debug)]
 pub(super) struct Plan {
     pub(super) root: Child,

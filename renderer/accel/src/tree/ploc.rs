@@ -34,8 +34,7 @@ struct Joined {
     triangles: u32,
     /// Whether its triangles are best tested as one leaf.
     is_leaf: bool,
-    /// It is a leaf of triangles side by side on the curve, without halves: those from its first child's
-    /// number on.
+    /// It is a leaf without halves, of triangles side by side on the curve from its first child's on.
     is_run: bool,
 }
 
@@ -66,8 +65,7 @@ struct Costs {
     max_leaf_size: u32,
 }
 
-/// A build in progress. At most `P` less the radius clusters are looked at at once, a multiple of [`LANES`];
-/// parts hand up half as many.
+/// A build in progress. `P` less the radius clusters are looked at at most, a multiple of [`LANES`].
 struct Builder<'a, const R: usize, const P: usize> {
     boxes: &'a [Bounds],
     costs: Costs,
@@ -156,8 +154,7 @@ impl<const R: usize, const P: usize> Builder<'_, R, P> {
         }
     }
 
-    /// Joins the clusters from `base` on until there are at most `most`. The nodes are those from number
-    /// `first` on.
+    /// Joins the clusters from `base` on until there are at most `most`, as nodes from number `first` on.
     fn join(&self, clusters: &mut Clusters, base: usize, most: usize, (nodes, first): (&mut [Joined], u32)) {
         let mut best = [0; P];
         while clusters.rest.len() - base > most {

@@ -129,8 +129,7 @@ pub(super) unsafe extern "C" fn set_children(
     count: u32,
     user: *mut c_void,
 ) {
-    // SAFETY: `node` is null or came from `create_node`; `children` has `count` entries, each null or made by
-    // one of these functions, finished.
+    // SAFETY: as for `set_bounds`; each of `count` `children` is null or a finished one of these functions.
     unsafe {
         guarded(user, (), |_| {
             let Some(node) = node.cast::<Sketch>().as_mut() else {

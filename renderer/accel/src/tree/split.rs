@@ -72,8 +72,7 @@ pub(crate) struct Cutter {
     low: Along,
     middle: Along,
     high: Along,
-    /// Slopes of the edges from the low corner to the high one, to the middle one, and from that to the high
-    /// one.
+    /// Slopes of the edges from the low corner to the high one, to the middle one, and between these.
     long: Vec3A,
     lower: Vec3A,
     upper: Vec3A,
@@ -192,8 +191,7 @@ mod tests {
     }
 
     proptest! {
-        /// Any point of the triangle, taken from fine barycentric weights, lies in one of the boxes up to
-        /// the rounding of the point itself.
+        /// Any point of the triangle lies in one of the boxes, up to the rounding of the point itself.
         #[test]
         fn no_part_is_lost(a in corner(), b in corner(), c in corner(), dimension in 0usize..3, share in 0.0f32..1.0, i in 0u32..32, j in 0u32..32) {
             let corners = [a, b, c];

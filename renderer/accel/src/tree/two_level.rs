@@ -29,8 +29,7 @@ pub struct TwoLevel {
 }
 
 impl TwoLevel {
-    /// Builds the objects' trees, one after the other and each with all threads, then the upper level.
-    /// Objects that nothing places are left empty.
+    /// Builds the trees of objects that are placed, each with all threads, then the upper level.
     pub(crate) fn build(
         device: &Device,
         triangles: &Triangles,
@@ -134,8 +133,7 @@ impl TwoLevel {
         sum
     }
 
-    /// Checks every object's tree, and that the upper level holds every instance of something once, in a box
-    /// that covers it.
+    /// Checks every object's tree, and that the upper level holds and covers every instance once.
     pub fn validate(&self) -> Result<(), TreeFault> {
         self.objects.iter().try_for_each(Tree::validate)?;
         let placed = self.instances.placed();

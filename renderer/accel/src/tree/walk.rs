@@ -32,8 +32,7 @@ impl Tree {
 fn step<N: TreeNode, const B: usize>(place: Place, visit: &mut impl FnMut(Met<'_>)) {
     let Place { node, bounds, reach, depth } = place;
     if node.is_leaf() {
-        // SAFETY: the reference came from this tree, which is borrowed for the walk; `B` is its blocks'
-        // width.
+        // SAFETY: the reference is of this tree, borrowed for the walk; `B` is its blocks' width.
         let blocks = unsafe { node.blocks::<B>() };
         if !blocks.is_empty() {
             let numbers: Vec<u32> = blocks.iter().flat_map(Block::numbers).collect();

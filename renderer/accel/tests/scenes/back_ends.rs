@@ -83,8 +83,7 @@ pub(crate) fn trees() -> Vec<TreeParameters> {
     all
 }
 
-/// These, the optimal collapse of every width and builder, and our own builder with every radius, with more
-/// and less reinsertion.
+/// These, the optimal collapse of every width and builder, our own builder with every radius, reinsertion.
 pub(crate) fn all_trees() -> Vec<TreeParameters> {
     let mut all = trees();
     let qualities = [Quality::Morton, Quality::Sah, Quality::SahSplit, Quality::Sah];
@@ -123,8 +122,7 @@ pub(crate) fn native_kinds() -> Vec<NativeOptions> {
     all
 }
 
-/// Builds over the triangles in every way and hands each structure to `check`, trees once per instruction
-/// set.
+/// Builds over the triangles in every way and checks each structure, once per instruction set.
 pub(crate) fn each(triangles: &Arc<Triangles>, mut check: impl FnMut(&str, &dyn Intersector)) {
     for parameters in all_trees() {
         let tree = tree(triangles, &parameters);

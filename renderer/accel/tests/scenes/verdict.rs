@@ -100,8 +100,7 @@ impl Verdict {
     }
 }
 
-/// Verdicts on rays. At least `clear` of them in a hundred must have one right answer, or they would say
-/// nothing.
+/// Verdicts on rays, of which at least `clear` in a hundred must have one right answer.
 fn verdicts(name: &str, triangles: &Triangles, rays: &[Ray], clear: usize) -> Vec<Verdict> {
     let verdicts: Vec<Verdict> = rays.iter().map(|ray| Verdict::of(triangles, ray)).collect();
     let decided = verdicts.iter().filter(|verdict| verdict.is_clear()).count();

@@ -138,8 +138,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
     let is_proven = proof.as_ref().is_some_and(|proof| proof.confirmation.stage == ConfirmationStage::Better);
     let may_win = |who: &Who| verdict::is_had(who, &start);
     let best = verdict::crown(&mut standings, &start_name, is_proven, may_win);
-    // This run recommends the contender that is shown to be the fastest, also where the search did not find
-    // it.
+    // The contender shown to be the fastest is recommended, also where the search did not find it.
     let own = rivals.iter().find(|rival| verdict::is_of(&rival.contender.who, &best, &standings));
     let tuned = match own.and_then(|rival| rival.configuration.clone()) {
         Some(configuration) => configuration,
@@ -220,8 +219,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
     Ok(())
 }
 
-/// Creates or finds the study and explores this scene and view in this session: their search gets room for
-/// the trials to come.
+/// Creates or finds the study, and explores this scene and view in this session.
 fn open_study(
     client: &Client,
     id: &str,
@@ -273,8 +271,7 @@ struct Searched {
     ending: Option<Ending>,
 }
 
-/// Runs the search under a progress bar. At each milestone the study returns its best configuration and the
-/// expected gain of further trials.
+/// Runs the search under a progress bar, with the study's outlook at each milestone.
 fn search(
     renderer: &mut Renderer,
     tuner: &mut PatientTuner<'_>,
@@ -368,8 +365,7 @@ impl Judge<'_> {
         Ok((standings, disturbance))
     }
 
-    /// The start as a configuration of the searched space. A part of a space begins elsewhere, so its own
-    /// start has to be measured by itself.
+    /// The start as a configuration of the searched space; `None` where a part of it begins elsewhere.
     fn start_in_space(&self) -> Option<Configuration> {
         self.arguments.narrowing.is_empty().then(|| self.space.default_configuration())
     }

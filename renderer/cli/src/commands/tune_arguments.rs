@@ -164,8 +164,7 @@ impl Arguments {
         }
     }
 
-    /// The policy of this run alone, whose search has `room` trials in this state. The study's own policy
-    /// belongs to its operator.
+    /// The policy of this run alone, whose search has `room` trials; the study's belongs to its operator.
     pub(super) fn session_policy(&self, room: u32) -> SessionPolicy {
         SessionPolicy {
             epsilon: Some(f64::from(self.epsilon)),

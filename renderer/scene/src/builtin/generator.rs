@@ -90,8 +90,7 @@ impl<'a> Generator<'a> {
         self.assembler.material(material)
     }
 
-    /// Adds a picture of `size` pixels, given by its colours from 0 to 1 (as they are stored) over texture
-    /// coordinates.
+    /// Adds a picture of `size` pixels by its stored colours, 0 to 1, over texture coordinates.
     pub(super) fn picture(
         &mut self,
         name: &str,

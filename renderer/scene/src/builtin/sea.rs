@@ -46,8 +46,7 @@ pub(super) fn build(generator: &mut Generator) -> Result<LightAndPath, SceneErro
     Ok(LightAndPath { sky, keys })
 }
 
-/// A point of the sea: trochoids after Gerstner (1802), whose water goes round in circles, so that crests are
-/// sharper than troughs.
+/// A point of the sea: trochoids after Gerstner (1802), with crests sharper than troughs.
 fn surface(at: Vec2, time: f32) -> Vec3 {
     let mut point = Vec3::new(at.x, 0.0, at.y);
     for (direction, length, height, passes) in WAVES {

@@ -33,8 +33,7 @@ const CORNER: Vec3 = Vec3::new(-30.0, 0.0, 0.5);
 const TURN: f32 = 0.6;
 /// How far the ends of poles stray from a joint, because they pass each other there.
 const STRAY: f32 = 0.07;
-/// The poles of a joint: the way to their other end in joints along the wall, up and away from it, and
-/// whether they are braces.
+/// The poles of a joint: the way to their other end along the wall, up and away, and which are braces.
 const POLES: [(IVec3, bool); 6] = [
     (IVec3::new(0, 1, 0), false),
     (IVec3::new(2, 0, 0), false),

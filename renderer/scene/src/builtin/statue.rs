@@ -61,8 +61,7 @@ pub(super) fn build(generator: &mut Generator) -> Result<LightAndPath, SceneErro
     Ok(LightAndPath { sky, keys })
 }
 
-/// Half width and half depth at a share of the height, interpolated smoothly (cubic Hermite with
-/// central slopes).
+/// Half width and half depth at a share of the height (cubic Hermite with central slopes).
 fn outline(v: f32) -> Vec2 {
     let last = OUTLINE.len() - 1;
     let index = OUTLINE.windows(2).position(|pair| v <= pair[1].0).unwrap_or(last - 1);

@@ -76,8 +76,7 @@ fn layer(seed: u64, x: i32, z: i32, y: i32, top: i32) -> u8 {
     }
 }
 
-/// Whether a place below ground is hollow: tunnels run where two noises are both near zero, chambers where
-/// a third one is large.
+/// Whether a place below ground is hollow: tunnels where two noises are near zero, chambers by a third.
 fn hollow(seed: u64, x: i32, y: i32, z: i32) -> bool {
     let at = Vec3::new(x as f32, y as f32 * 1.6, z as f32);
     let tunnel = gradient(seed + 21, at / 27.0).abs() < 0.085 && gradient(seed + 22, at / 27.0).abs() < 0.085;

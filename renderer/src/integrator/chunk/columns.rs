@@ -87,8 +87,7 @@ columns! {
         pub(super) offset: Column,
     }
 
-    /// The materials of surfaces. Matt ones have the first column only, and the last ones are set where there
-    /// are metals.
+    /// The materials of surfaces: one column for matt ones, the last ones where there are metals.
     #[derive(Clone, Debug)]
     pub(super) struct Materials {
         pub(super) diffuse: Vectors,

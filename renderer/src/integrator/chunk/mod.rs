@@ -115,8 +115,7 @@ impl Chunk {
         self.isa.run(Passes { lights: &prepared.lights, needs, chunk: self });
     }
 
-    /// The result of the hit in a lane, as from [`Kernel::vertex`](super::vertex::Kernel); `None` if the
-    /// common way does not suit it after all.
+    /// The result of the hit in a lane; `None` if the common way does not suit it.
     #[inline(always)]
     pub(super) fn scatter(
         &self,

@@ -166,8 +166,7 @@ fn light_one_by_one(columns: &mut Columns, lights: &Lights, lanes: Range<usize>)
     }
 }
 
-/// `light` gives the light and whether it is sound, from the picked lamp, the position, the choice between
-/// lamps and sun, and two numbers.
+/// `light` gives a light and its soundness from lamp, position, the choice of light, and two numbers.
 #[inline(always)]
 fn sample(
     columns: &mut Columns,

@@ -23,8 +23,7 @@ unsafe fn sort_four(keys: __m128i) -> __m128i {
     _mm_mask_min_epi32(_mm_max_epi32(keys, swapped), 0b0100, keys, swapped)
 }
 
-/// One step of a network of eight: each lane meets its partner and keeps the larger, or the smaller where
-/// `small` says so.
+/// One step of a network of eight: each lane meets its partner and keeps the larger, or the smaller.
 #[inline(always)]
 unsafe fn step_eight(keys: __m256i, partners: [i32; 8], small: u8) -> __m256i {
     let [a, b, c, d, e, f, g, h] = partners;

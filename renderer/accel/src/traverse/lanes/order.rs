@@ -10,12 +10,10 @@ use crate::layout::NodeRef;
 /// references as there are lanes; there is room for that number behind `nodes` and `keys`, which may all be
 /// written with any number of hits. Distances are not below zero.
 pub(crate) trait Order: Lanes {
-    /// Writes the children in `hits` (two or more of them), farthest first, with their keys: distances
-    /// whose lowest bits are the lane's number.
+    /// Writes the two or more children in `hits`, farthest first, with keys: distances that end in the lane.
     #[inline(always)]
     unsafe fn write_sorted(self, hits: u32, children: *const NodeRef, nodes: *mut NodeRef, keys: *mut i32) {
-        // SAFETY: the caller vouches for the pointers; lanes in `hits` and keys' lowest bits are below
-        // the number of lanes.
+        // SAFETY: the caller vouches for the pointers; `hits` and keys name lanes below their number.
         unsafe {
             let times = Stored::from(self).0;
             let mut left = hits;

@@ -66,8 +66,7 @@ pub(crate) trait PacketLeaves {
     unsafe fn any_alone(tree: Self::Tree, node: NodeRef, ray: &Ray) -> bool;
 }
 
-/// An entry of the packet's stack: a child, the distance at which the first ray enters it, and the rays that
-/// meet it.
+/// An entry of the stack: a child, where the first ray enters it, and the rays that meet it.
 #[derive(Clone, Copy)]
 struct Entry {
     node: NodeRef,
@@ -116,8 +115,7 @@ impl Stack {
     }
 }
 
-/// Rays that cannot be traced together: those whose bits differ in any of these, signs of directions and
-/// classes.
+/// Rays whose bits differ in any of these cannot be traced together: signs of directions, and classes.
 struct Kinds([u32; 5]);
 
 impl Kinds {

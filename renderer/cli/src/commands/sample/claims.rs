@@ -39,8 +39,7 @@ impl Claims {
         Self { own: own.to_owned(), ..Self::default() }
     }
 
-    /// Reads all trials that were handed out since the last look, and now and then the trials that others
-    /// had open.
+    /// Reads the trials handed out since the last look, and at times those that others had open.
     pub(super) fn look(&mut self, client: &Client, study: &str) -> Result<(), ClientError> {
         if self.held.len() >= HELD_MAX {
             self.look_again(client)?;
