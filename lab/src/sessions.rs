@@ -44,8 +44,7 @@ impl Times {
         self.build_ms + f64::from(frames) * self.frame_ms
     }
 
-    /// After how many frames `better` would have been the cheaper one from the start: the difference of the
-    /// builds over that of the frames. 0 where it is cheaper at once, `None` where it never is.
+    /// Frames after which `better` would have been the cheaper from the start: 0 at once, `None` never.
     pub fn break_even(self, better: Self) -> Option<f64> {
         let dearer_ms = better.build_ms - self.build_ms;
         let sooner_ms = self.frame_ms - better.frame_ms;
@@ -74,8 +73,7 @@ impl Times {
     }
 }
 
-/// The time of a session of `frames` frames in which the geometry changes every `served` frames, at least 1,
-/// in milliseconds. `stretch_ms` is that of some frames between two changes.
+/// Milliseconds of a session whose geometry changes every `served` frames, by `stretch_ms` between changes.
 pub fn session_ms(frames: u32, served: u32, stretch_ms: impl Fn(u32) -> f64) -> f64 {
     let rest = frames % served;
     let whole_ms = if frames < served { 0.0 } else { f64::from(frames / served) * stretch_ms(served) };

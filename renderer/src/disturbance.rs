@@ -108,8 +108,7 @@ fn allowed_processors(status: &str) -> Option<Vec<usize>> {
     Some(allowed)
 }
 
-/// All that was not idle or waiting for a disk on these processors; what a hypervisor gave to others counts,
-/// too. The columns after these are contained in the first two.
+/// All that was not idle or waiting on these processors, with what a hypervisor gave away.
 fn of_everybody(stat: &str, allowed: &[usize]) -> Option<f64> {
     let mut busy = 0.0;
     for line in stat.lines().filter_map(|line| line.strip_prefix("cpu")) {

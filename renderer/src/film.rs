@@ -85,8 +85,7 @@ impl Film {
         Picture { width: self.width, height: self.height, pixels }
     }
 
-    /// The tiles of the picture row by row, the order they are to be begun in. An edge that is none of 8, 16
-    /// and 32 is taken for the nearest one below.
+    /// The tiles row by row, as they are begun. An edge but 8, 16 and 32 is taken for the nearest below.
     pub(crate) fn tiles(&mut self, edge: u32) -> Vec<Tile<'_>> {
         let edge = 1 << edge.clamp(8, BLOCK).ilog2();
         let (width, height, across) = (self.width, self.height, self.width.div_ceil(BLOCK));

@@ -202,8 +202,7 @@ impl Renderer {
         }
     }
 
-    /// Renders small frames of a view of this size, in pixels, with the kept structure, and learns from them
-    /// for light sampling. Nothing while there is no structure. Returns how long it took.
+    /// Renders small frames of a view and learns from them for light sampling. `None` without a structure.
     pub fn learn_light(&mut self, view: &View, size: [u32; 2]) -> Option<LearningTimes> {
         let kept = self.current.take()?;
         let learning = self.learn_light_with(&kept.structure, view, size);
@@ -220,8 +219,7 @@ impl Renderer {
         times
     }
 
-    /// Prepares the measurement of noise in a view: learns for light sampling, and how bright the picture is.
-    /// Nothing while there is no structure. Returns what the learning took.
+    /// Prepares the measurement of noise in a view; returns what learning took. `None` without a structure.
     pub fn study_view(
         &mut self,
         view: &View,
@@ -261,8 +259,7 @@ impl Renderer {
         Some((FrameTimes { noise: Some(noise), ..times }, each))
     }
 
-    /// Whether the bias of a [noisy frame](Self::noisy_frame) is found again with other random numbers. The
-    /// way of light sampling in use is compared with the plain one.
+    /// Whether a [noisy frame](Self::noisy_frame)'s bias against plain sampling is found again.
     pub fn finds_again(&mut self, bias: &Bias, options: &RenderOptions) -> bool {
         let how = self.prepared.light_sampling();
         let expected = self.look(LightSampling::default(), WEIGHT_SAMPLES / 2, !SECOND_LOOK, options);
@@ -453,8 +450,7 @@ impl Renderer {
         Some(self.render_with(self.structure()?, view, options, film))
     }
 
-    /// Renders, but begins no tile after `limit_ms` milliseconds (`None`: no limit). Returns the times, and
-    /// whether that is a whole frame; the film of one that is not is of no use until it is cleared.
+    /// Renders; no tile begins after `limit_ms`. Returns the times, and whether that is a whole frame.
     pub fn render_within(
         &self,
         limit_ms: Option<f64>,

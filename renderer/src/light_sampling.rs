@@ -10,8 +10,7 @@ pub struct LightSampling {
     pub candidates: u32,
     /// How these points are drawn.
     pub lamps: LampChoice,
-    /// Factor on the weight of a sampled lamp, against one that a bounce finds, over that of its density by
-    /// power and over what was learnt: 1 and more. It accounts for the choice among the candidates.
+    /// Factor on a sampled lamp's weight against a bounce's, 1 and more, for the choice of candidates.
     pub lamp_weight: f32,
     /// Share of shadow rays that turn to the sun where there are lamps, too: 0.05 to 0.95.
     pub sun_share: f32,
@@ -23,8 +22,7 @@ pub struct LightSampling {
     pub learnt_shares: bool,
     /// Shadow rays at the first hit of a path, which share its light: 1 to 16. Later hits have one.
     pub first_shadow_rays: u32,
-    /// A shadow ray for less light than this share of the picture's mean is traced with a lower probability,
-    /// and brings more if it is; 0 to trace them all.
+    /// Shadow rays for less than this share of the mean are rarer, and brighter; 0 traces all.
     pub shadow_roulette: f32,
     /// A path of less throughput goes on with a lower probability, brighter if it does; 0 ends none.
     pub path_roulette: f32,

@@ -39,8 +39,7 @@ pub const FRAMES_PER_TRIAL_MAX: u32 = 1000;
 /// Most frames of an episode.
 pub const EPISODE_FRAMES_MAX: u32 = 64;
 
-/// Most triangles and instances of all moments of an episode together, which are in memory at once: some 40
-/// bytes a triangle, and 144 an instance.
+/// Most triangles and instances of an episode's moments together: some 40 and 144 bytes each.
 pub const EPISODE_TRIANGLES_MAX: usize = 100_000_000;
 
 /// Most memory of the structures that a search keeps for later trials, in bytes.

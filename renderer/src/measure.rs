@@ -123,8 +123,7 @@ impl Standing {
 }
 
 impl Measured {
-    /// With the rounds of a second process after its own. A contender that failed in one of them keeps its
-    /// own rounds alone, which pair with the others' first.
+    /// With the rounds of a second process after its own; one that failed there keeps its own alone.
     #[must_use]
     pub fn joined(mut self, second: Measured) -> Self {
         self.failure = self.failure.or(second.failure);
@@ -148,8 +147,7 @@ impl Conditions {
     }
 }
 
-/// Measures all contenders. `go_on` is asked before each round; when it says no, the rounds so far are the
-/// result. One round more than asked for is run first and forgotten, to warm caches and clocks.
+/// Measures all contenders after a warming round, until `go_on` says no, which is asked each round.
 pub fn interleaved(
     renderer: &mut Renderer,
     contenders: &[Contender],

@@ -12,8 +12,7 @@ const TRIMMED: f64 = 1e-3;
 /// Edge of the squares over which brightness is averaged for the weights, in pixels.
 const BLOCK: u32 = 8;
 
-/// The weight of error in each pixel: one over the square of the brightness around it, so that errors are
-/// relative. One set serves all pictures that are compared.
+/// The weight of error in each pixel: one over the square of the brightness around it.
 #[derive(Clone, Debug)]
 pub struct Weights {
     of_pixel: Vec<f64>,

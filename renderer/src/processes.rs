@@ -22,8 +22,7 @@ const HALF_WIDTH: f64 = 1.96;
 pub struct Processes {
     /// How many ran in this process and in the second one. Lists of rounds have them in this order.
     pub rounds: [usize; 2],
-    /// Standard deviation of the ratio of two contenders from process to process, as a share. The median of
-    /// all contenders tells it, without the noise of rounds; 0 where it is no more than that.
+    /// Deviation of a ratio of contenders from process to process, beyond the noise of rounds, as a share.
     pub spread: f64,
 }
 
@@ -45,15 +44,13 @@ impl Processes {
             |of: &dyn Fn(&Shift) -> f64| Summary::of(&shifts.iter().map(of).collect::<Vec<_>>()).median;
         let middle = median(&|shift| shift.by);
         let deviation = MAD_TO_DEVIATION * median(&|shift| (shift.by - middle).abs());
-        // The middle is of these values. A shift is a difference of two processes, a ratio one of two
-        // contenders, so that both have twice the variance of one contender in one process.
+        // Shifts and ratios are of two, so both have twice the variance of one contender in one process.
         let count = shifts.len() as f64;
         let variance = deviation.powi(2) * count / (count - 1.0).max(1.0) - median(&|shift| shift.noise);
         Self { rounds, spread: variance.max(0.0).sqrt() }
     }
 
-    /// The ratio of pairs `numerators[i] / denominators[i]`, with an interval that holds the difference of
-    /// processes: that of [`Ratio::of`], widened on the scale of logarithms by the variance of a mean of two.
+    /// The ratio of pairs as [`Ratio::of`], its interval widened by the difference of processes.
     pub fn ratio(&self, numerators: &[f64], denominators: &[f64]) -> Ratio {
         let ratio = Ratio::of(numerators, denominators);
         let logs: Vec<f64> = numerators.iter().zip(denominators).map(|(a, b)| (a / b).ln()).collect();

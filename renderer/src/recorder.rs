@@ -16,8 +16,7 @@ use treewright_accel::{Hit, Intersector, Ray, limits::RECORDED_RAYS_MAX};
 use crate::integrator::{Prepared, View, render_sample};
 use crate::{film::Film, render_options::RenderOptions};
 
-/// Renders one sample a pixel and gives the triangles with the rays it took, [`RECORDED_RAYS_MAX`] a class at
-/// most. Runs on the calling thread's rayon pool, which must have one thread.
+/// Renders one sample a pixel; gives triangles and rays, [`RECORDED_RAYS_MAX`] a class, on one thread.
 pub fn record<I: Intersector>(
     prepared: &Prepared,
     intersector: &I,

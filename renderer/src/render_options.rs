@@ -6,8 +6,7 @@ use treewright_accel::Packets;
 /// The order of work of a frame. Pictures do not depend on it. The default is what a simple renderer does.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct RenderOptions {
-    /// Tiles in stages (all camera rays, all their shadow rays, all first bounces, …), the first two of them
-    /// in packets of sixteen; or path by path, ray by ray.
+    /// Tiles in stages, the first two of them in packets of sixteen; or path by path, ray by ray.
     pub staged: bool,
     /// In stages, the grouping of rays from the second bounce on, and of their shadow rays.
     #[serde(default)]

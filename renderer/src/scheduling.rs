@@ -28,8 +28,7 @@ impl RunQueueDelay {
     }
 }
 
-/// The run-queue delay that all threads of this process have had so far, in milliseconds; `None` where the
-/// system does not report it. Threads that have ended are left out.
+/// Milliseconds that all living threads of this process waited in run queues, where that is known.
 pub(crate) fn process_delay_ms() -> Option<f64> {
     let mut sum_ms = 0.0;
     for thread in std::fs::read_dir("/proc/self/task").ok()? {

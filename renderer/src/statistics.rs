@@ -104,8 +104,7 @@ fn outside(count: usize) -> Option<usize> {
     rank
 }
 
-/// A quantile of sorted values, interpolated between neighbours (Hyndman and Fan, Sample Quantiles in
-/// Statistical Packages, 1996, definition 7). Zero when there are none.
+/// A quantile of sorted values, interpolated (Hyndman and Fan 1996, definition 7). Zero of none.
 pub fn quantile(sorted: &[f64], share: f64) -> f64 {
     let Some(last) = sorted.len().checked_sub(1) else {
         return 0.0;
@@ -140,8 +139,7 @@ pub fn alternating(even_ms: &[f64], odd_ms: &[f64]) -> Vec<f64> {
     pairs.map(|(round, (even, odd))| if round.is_multiple_of(2) { *even } else { *odd }).collect()
 }
 
-/// When tuning has paid off: after how many frames the total time, tuning included, falls below that of
-/// never having tuned (compare the paper's Figure 14).
+/// The frames after which the total time, tuning included, falls below never tuning (cf. Figure 14).
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct BreakEven {
     /// Everything spent while tuning: builds, frames, waiting for the service.

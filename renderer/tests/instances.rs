@@ -74,8 +74,7 @@ fn pictures_are_those_of_the_flattened_scene() {
         let options = builtin::Options { detail: 0.01, ..builtin::Options::default() };
         builtin::build("forest", &options).expect("it is built in")
     };
-    // Lamps are picked from a table that a rounding of their areas turns round: their noise is another, so
-    // they are compared by the means of many samples.
+    // Rounded areas turn the table of lamps round, so the means of many samples are compared.
     for (scene, samples, square, tolerance) in [(lamps(), 48, 12, 2e-2), (forest(), 4, 1, 2e-2)] {
         assert!(scene.instances.is_some());
         let flat = scene.flattened().expect("it is small");

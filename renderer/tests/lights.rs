@@ -10,8 +10,7 @@ use treewright_renderer::film::{Film, Picture};
 use treewright_renderer::{frame::Renderer, integrator::View, render_options::RenderOptions};
 use treewright_scene::{Scene, load};
 
-/// A file of triangles of one grey material, with a camera at a place that looks along the negative z axis as
-/// it is turned, and lights at their nodes.
+/// A file of grey triangles, a camera that looks along negative z as it is turned, and lights.
 struct File {
     corners: Vec<Vec3>,
     triangles: Vec<[u16; 3]>,

@@ -84,8 +84,7 @@ fn frame(tuner: &mut Tuner, random: &mut ChaCha8Rng, table: &Table, x: f64) -> (
     (trial, truth)
 }
 
-/// The optimum over the best that ran after each of the marks, and how many of eighty trials could not be
-/// run; then whether a study of two states that is frozen answers what works.
+/// The optimum over the best after each mark, the trials that could not run, and whether answers work.
 pub(crate) fn searched(seed: u64) -> Figures {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let policy = Policy { epsilon: 1.0, confirm_rounds: 0, track_speed: false, ..Policy::default() };

@@ -12,8 +12,7 @@ use treewright_lab::simulated::{METRIC, ask, normal, study};
 
 /// The noise of a measurement: the standard deviation of its logarithm.
 const NOISE: f64 = 0.07;
-/// Noise from frame to frame on a machine that wanders, the deviation of its speed, and the number of frames
-/// after which it has half forgotten its speed.
+/// Noise from frame to frame, the deviation of a wandering speed, and the frames that half forget it.
 const NOISE_CALM: f64 = 0.04;
 const WANDER: f64 = 0.13;
 const WANDER_FRAMES: f64 = 14.0;

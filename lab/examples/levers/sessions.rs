@@ -41,8 +41,7 @@ use crate::{Arguments, Failure, in_summary, record, view};
 /// How many frames a tree serves.
 const SERVED: [u32; 6] = [1, 4, 16, 64, 256, 1024];
 
-/// Structures that anybody can choose for all; other values are those of the recommended start, which is the
-/// first one. The second is the documentation's choice from sixteen frames on.
+/// Structures that anybody can choose, as changes of the recommended start, which is the first one.
 const STRUCTURES: [(&str, &str); 10] = [
     ("quick", ""),
     ("middle", "builder=ploc,search_radius=8,cluster_size=1,collapse=optimal,min_leaf_size=8"),

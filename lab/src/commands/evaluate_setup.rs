@@ -90,8 +90,7 @@ impl SceneArguments {
     }
 }
 
-/// Takes one missing measurement after the other, says what `take` calls it and how long the rest will last,
-/// and begins no other when the time is up.
+/// Takes one missing measurement after the other until the time is up, and says how long the rest lasts.
 pub(super) fn take_all<T>(
     missing: Vec<T>,
     seconds: Option<u64>,

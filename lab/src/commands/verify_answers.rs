@@ -98,8 +98,7 @@ impl Examined {
         Ok(Self { record, space, complete, objectives, by_objective })
     }
 
-    /// The configurations to measure at each place in shared rounds: the default, the best fixed ones, the
-    /// answers, and the searches' best at each milestone.
+    /// The configurations to measure at a place: default, best fixed ones, answers, and searches' best.
     fn wanted(&self) -> BTreeMap<&Place, Vec<Configuration>> {
         let mut answers: BTreeMap<&Place, BTreeSet<Configuration>> = BTreeMap::new();
         for (objective, answered) in self.objectives.iter().zip(&self.by_objective) {

@@ -33,8 +33,7 @@ pub fn in_words(interval: Option<Interval>, digits: usize) -> String {
     format!("{estimate:.digits$}{}", range.unwrap_or_default())
 }
 
-/// A statistic of `runs` independent runs, given as a function of the numbers of those that count, which may
-/// occur several times. `None` when it cannot be computed from all of them.
+/// A statistic of `runs` independent runs, given by their numbers. `None` where it cannot be computed.
 pub fn interval(runs: usize, statistic: impl Fn(&[usize]) -> Option<f64>) -> Option<Interval> {
     let all: Vec<usize> = (0..runs).collect();
     let estimate = statistic(&all)?;
@@ -54,8 +53,7 @@ pub(crate) fn mean_of(values: &[f64]) -> Option<Interval> {
     })
 }
 
-/// A statistic of resamples of `count` values, given as a function of the numbers of the drawn values, sorted
-/// by size. The seed is fixed: chance is part of the measurement, not of its evaluation.
+/// A statistic of resamples of `count` values, given by their numbers, sorted. The seed is fixed.
 pub(crate) fn resampled(
     count: usize,
     resamples: usize,

@@ -93,8 +93,7 @@ pub struct Progress {
     pub share: f64,
 }
 
-/// Compares the entrants. `go_on` is asked before each frame; when it says no, the complete runs are
-/// returned. A round of frames that do not count comes first, to warm caches and clocks.
+/// Compares the entrants after a warming round. `go_on` is asked before each frame; no ends it.
 pub fn compare(
     renderer: &mut Renderer,
     entrants: &[Entrant],

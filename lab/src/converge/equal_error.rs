@@ -116,8 +116,7 @@ fn geometric_mean(logs: &[f64]) -> Option<Interval> {
     Some(Interval { estimate: mean.estimate.exp(), range: mean.range.map(|range| range.map(f64::exp)) })
 }
 
-/// Build and rendering until a run's error is down to this for good, interpolated on logarithmic axes. The
-/// first sample's time when it is that good already; `None` if the run does not get there.
+/// Build and rendering until a run's error is down to this for good, interpolated logarithmically.
 pub fn time_to(run: &Run, error: f64) -> Option<f64> {
     let points: Vec<_> = run.all_points().collect();
     let after = points.iter().rposition(|point| point.relative_mse > error).map_or(0, |last| last + 1);

@@ -24,8 +24,7 @@ pub struct Reference {
 }
 
 impl Reference {
-    /// Renders at least `samples` a pixel of a picture of `width` × `height`, unless `go_on` says no, which
-    /// is asked before each pair of frames. No contender has the picture's seeds.
+    /// Renders at least `samples` a pixel unless `go_on` says no. No contender has the picture's seeds.
     pub fn rendered(
         renderer: &Renderer,
         structure: &Structure,

@@ -12,8 +12,7 @@ use super::judge::{BreakEven, Ground, Row, Verdict};
 /// The width of every figure, in units of its own.
 pub(super) const WIDTH: f64 = 720.0;
 
-/// A box for each scene and entrant: quartiles, whiskers to the 5th and 95th percentile, a line at the
-/// median. Beyond the axis whiskers end at its edge.
+/// A box for each scene and entrant: quartiles, the median, whiskers to the 5th and 95th percentile.
 pub(crate) fn boxes(
     verdict: &Verdict,
     split: Split,

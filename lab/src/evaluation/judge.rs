@@ -75,8 +75,7 @@ pub(crate) struct Row {
     pub(crate) over_default: f64,
     pub(crate) over_fixed: f64,
     pub(crate) break_even: BreakEven,
-    /// Time of the search's frames, and of as many frames of the answer, beyond as many frames of the faster
-    /// of the answer and the search's best, in milliseconds.
+    /// Milliseconds of the search's frames and the answer's beyond those of the faster of their ends.
     pub(crate) search_overhead_ms: f64,
     pub(crate) prediction_overhead_ms: f64,
 }
@@ -99,8 +98,7 @@ pub(crate) struct Verdict {
     pub(crate) infeasible: usize,
     /// Number of unmeasured answers of an entrant. Such an entrant has no rows.
     pub(crate) unmeasured: BTreeMap<String, usize>,
-    /// Cameras where the default, the best fixed configuration and the search's best at each milestone were
-    /// measured in shared rounds with the answers.
+    /// Cameras whose default, best fixed one and searches' best ran in shared rounds with the answers.
     pub(crate) same_rounds: usize,
 }
 
@@ -288,8 +286,7 @@ impl View<'_> {
         best.map(|(configuration, _)| configuration.clone())
     }
 
-    /// Speed of a search's best over another configuration, in shared rounds: those of the answers where they
-    /// hold both, else those of the fixed configurations.
+    /// Speed of a search's best over another in the rounds of the answers, else of the fixed ones.
     fn over_found(&self, search: &Search, other: &Configuration) -> Option<f64> {
         [GroupKind::Answers, GroupKind::Fixed].into_iter().find_map(|kind| {
             let group = self.record.groups.get(&(kind, search.place.clone()))?;

@@ -36,8 +36,7 @@ pub(crate) struct Stage {
 }
 
 impl Stage {
-    /// Sets a scene up. Cameras stand in the middle of equal parts of the path, so that none comes twice
-    /// where a path ends where it began. Refuses a scene that is not the record's of that name.
+    /// Sets a scene up, cameras in the middle of equal parts of its path. It must be the record's.
     pub(crate) fn new(
         name: &str,
         scene: &Arc<Scene>,
@@ -105,8 +104,7 @@ impl Stage {
         }
     }
 
-    /// Runs a search of the core by [`METHOD`]. Every iteration builds and renders, also a repeated
-    /// configuration, as in the paper. `None` when it was stopped.
+    /// Runs a search of the core by [`METHOD`]; every iteration builds and renders. `None` when stopped.
     pub(crate) fn search(
         &mut self,
         camera: u32,

@@ -29,8 +29,7 @@ th{color:var(--soft);font-weight:600}svg{display:block;width:100%;height:auto}co
 @media(max-width:600px){svg{font-size:17px}table,tbody,tr,td{display:block}tr{border-bottom:1px solid var(--line);padding:.4rem 0}\
 tr:first-child{display:none}td{border:0;text-align:left;padding:.05rem 0}td:first-child{font-weight:650}td[data-l]::before{content:attr(data-l)\": \";color:var(--soft)}}";
 
-/// The predictors on the first page: the paper's two and the service's own choice. They were fixed before
-/// anything was measured; the best one is in the tables.
+/// The predictors on the first page, fixed beforehand: the paper's two and the service's own choice.
 const FIRST_PAGE: [(&str, &str); 4] = [
     ("nearest_neighbour", "the paper's nearest neighbour"),
     ("rbf_greedy_gq", "the paper's RBF model"),

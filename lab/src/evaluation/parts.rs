@@ -63,8 +63,7 @@ pub(crate) fn came_to(
     Ok(both.map(|both| both.map(|one| space.with_held(one))))
 }
 
-/// The configurations to measure again at a scene in shared rounds: the default first, then the results of
-/// its searches, each configuration once.
+/// The configurations to measure again at a scene: the default, then its searches' results, each once.
 pub(crate) fn compared(
     record: &Record,
     whole: &TuningSpace,

@@ -124,8 +124,7 @@ mod tests {
 
     const SCENES: [&str; 3] = ["attic", "barn", "cellar"];
 
-    /// Searches of twelve trials, each luckier than the one before. Measured again, their best took
-    /// 120 ms after five trials, 110 ms after ten and 100 ms in the end, each end a configuration of its own.
+    /// Searches of twelve trials, whose best took 120, 110 and 100 ms after five, ten and all.
     fn record(is_whole: bool) -> Record {
         let mut record = Record::new(conditions(12));
         for (number, scene) in SCENES.into_iter().enumerate() {

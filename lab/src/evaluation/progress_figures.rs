@@ -15,8 +15,7 @@ use super::{answers::SERVICE, figures::WIDTH, folds::Split, judge::Verdict, summ
 const BESIDE: [(&str, Colour); 3] =
     [("nearest_neighbour", Colour::Green), ("rbf_greedy_gq", Colour::Purple), (SERVICE, Colour::Vermilion)];
 
-/// Figure 2: the effect of a search for either objective on both, at a camera of a scene where both were run.
-/// It is one of sponza where there is one, as in the paper.
+/// Figure 2: a search for either objective, and both costs, at a camera of sponza if there is one.
 pub(crate) fn two_objectives(record: &Record) -> Option<String> {
     let search = |place: &Place, objective: Objective| {
         record.searches.iter().find(|one| one.place == *place && one.objective == objective.name())

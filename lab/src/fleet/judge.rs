@@ -12,8 +12,7 @@ use super::record::{At, Record};
 use crate::converge::bootstrap::{Interval, geometric, interval};
 use crate::leave_scene_out::book::RecordedRounds;
 
-/// Speed-ups of an answer, as geometric means over all machines and unseen scenes. Machines in one scene are
-/// not independent, so intervals are drawn by resampling scenes.
+/// Speed-ups of an answer over all machines and unseen scenes, with intervals by resampling scenes.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub(crate) struct Row {
     /// The group whose machines were asked; absent for all of the fleet.
@@ -28,8 +27,7 @@ pub(crate) struct Row {
     pub(crate) over_recommended: Option<Interval>,
     /// Over native Embree's default.
     pub(crate) over_native: Option<Interval>,
-    /// Over the predictor that knows less, after as many frames: what the node gains from itself, from its
-    /// group, and from the fleet. Absent for a predictor that knows nothing.
+    /// Over the predictor that knows less: the gain from the node itself, its group, or the fleet.
     pub(crate) over_less: Option<Interval>,
     /// Over what the machine's own search found in the scene.
     pub(crate) over_search: Option<Interval>,
@@ -74,8 +72,7 @@ fn rows_of(record: &Record, group: Option<&str>) -> Vec<Row> {
     rows
 }
 
-/// The geometric mean of the speed of `who` over `other`: of each machine and scene the median of the ratios
-/// within rounds. `None` where they never ran together.
+/// The geometric mean of the speed of `who` over `other` within rounds. `None` where none is shared.
 fn speedup(asked: &[&At<RecordedRounds>], who: &Who, other: &Who) -> Option<Interval> {
     let scenes: BTreeSet<&str> = asked.iter().map(|one| one.scene.as_str()).collect();
     let of_scene = |scene: &str| {

@@ -86,8 +86,7 @@ impl Node<'_> {
         Ok(())
     }
 
-    /// The answers of all predictors that know the other scenes, before and after the first frames, beside
-    /// the renderer's defaults and what the machine's own search found here, in interleaved rounds.
+    /// The answers of all predictors before and after the first frames, the defaults, and the search's own.
     pub(crate) fn examine(
         &self,
         stage: &mut Stage,

@@ -145,8 +145,7 @@ pub(crate) struct Row {
     pub(crate) of_roofline: BTreeMap<u32, f64>,
     /// The answer after the last frame over native Embree's default.
     pub(crate) over_default: Ratio,
-    /// Median frames in milliseconds: native Embree's default, used well, the best fixed configuration of the
-    /// other scenes, and the answer after the last frame.
+    /// Median milliseconds: native default, used well, the best fixed one of other scenes, the last answer.
     pub(crate) frame_ms: [f64; 4],
     /// The way in which native Embree was the fastest: a quality with our stages, or `medium path by path`.
     pub(crate) native_quality: String,

@@ -220,8 +220,7 @@ impl Stage {
     }
 }
 
-/// Reports the measurements of all scenes but one, as their clients would have. Configurations that only this
-/// scene's own search found ran there as candidates; they are left out, because nobody would have known them.
+/// Reports the measurements of all scenes but one, without what only that scene's search found.
 fn teach(
     book: &Book,
     objective: Objective,

@@ -40,8 +40,7 @@ pub(crate) struct Session {
 /// Cost of the default in every state, before the machine's speed.
 const DEFAULT_COST: f64 = 10.0;
 
-/// Cost of a configuration in a state, without the machine's speed. In adversarial states nearly all other
-/// configurations are ten to a hundred times as dear as the default; in other states a third is better.
+/// Cost in a state; in adversarial ones most are ten to a hundred times as dear as the default.
 fn cost(trial: &Trial, adversarial: bool) -> f64 {
     let number = |name: &str| trial.configuration.get(name).and_then(Value::as_number).unwrap_or(0.0);
     let (a, b) = (number("a"), number("b"));

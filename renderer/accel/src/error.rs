@@ -111,8 +111,7 @@ impl BuildError {
         if before == now { Ok(()) } else { Err(Self::OtherTriangles { before, now }) }
     }
 
-    /// Whether this configuration cannot work for this scene on this machine, so that a tuner should try
-    /// another one. Everything else is a mistake of the caller or a defect.
+    /// Whether this cannot work for this scene on this machine. Other errors are mistakes or defects.
     pub fn is_infeasible(&self) -> bool {
         matches!(self, Self::DepthLimit { .. } | Self::OutOfMemory)
     }

@@ -79,8 +79,7 @@ pub enum InstanceError {
 }
 
 impl Instances {
-    /// Checks and takes over: `objects` as ranges of triangle numbers below `triangles`, `placed` as pairs of
-    /// an object's number and its transformation to the world.
+    /// Checks and takes over: `objects` as ranges of triangles, `placed` as pairs of object and place.
     pub fn new(
         triangles: usize,
         objects: Vec<Range<u32>>,

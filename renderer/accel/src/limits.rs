@@ -1,7 +1,6 @@
 //! Every limit of the acceleration structures, in one place.
 
-/// Largest magnitude of a coordinate. A triangle test multiplies three of them: beyond about 1e13 that leaves
-/// the range of single precision and hits get lost without a word, in native Embree as in our own kernels.
+/// Largest magnitude of a coordinate: a test multiplies three, and beyond some 1e13 hits get lost.
 pub const COORDINATE_MAX: f32 = 1e12;
 
 /// Most triangles in one structure: one build of that size takes some 20 GB, beyond what we verified.
@@ -19,8 +18,7 @@ pub const EMBREE_SERIES: (isize, isize) = (4, 4);
 /// Most build threads.
 pub const THREADS_MAX: usize = 1024;
 
-/// Permitted `max_depth`. Embree's builders stop using the heuristic 8 levels above the limit, so 9 is the
-/// least that leaves one level to it; 64 sizes the traversal stack.
+/// Permitted `max_depth`: 9 leaves one level to Embree's heuristic, 64 sizes the traversal stack.
 pub const MAX_DEPTH: std::ops::RangeInclusive<u32> = 9..=64;
 
 /// Most triangles a leaf: the Morton builder's array for a leaf is this long.
@@ -59,6 +57,5 @@ pub const REBUILD_THRESHOLD_RANGE: std::ops::RangeInclusive<f32> = 1.0..=4.0;
 /// Permitted `split_budget` of a native scene.
 pub const NATIVE_SPLIT_BUDGET_RANGE: std::ops::RangeInclusive<f32> = 1.0..=4.0;
 
-/// Most Embree devices that are kept open at once for native scenes of different options. A device is a few
-/// kilobytes and shares its threads with all others.
+/// Most Embree devices that are kept open for native scenes; each is a few kilobytes.
 pub const DEVICES_MAX: usize = 16;

@@ -75,8 +75,7 @@ pub struct TreeParameters {
     pub block_width: u32,
     /// Whose builder.
     pub builder: Builder,
-    /// The number of neighbours along the curve, either way, that a cluster may join with: 1 to 32; 4, 8, 16
-    /// and 32 differ. Acts with [`Builder::Ploc`] only.
+    /// Neighbours along the curve, either way, that a cluster may join: 1 to 32, with [`Builder::Ploc`].
     pub search_radius: u32,
     /// The most triangles next to each other on the curve that make one cluster before any looks for
     /// neighbours: 1 to 8. Builds are faster and trees a little worse with more. Acts with [`Builder::Ploc`]
@@ -97,8 +96,7 @@ pub enum Collapse {
     /// The builder makes wide nodes at once, as in the paper. They lie in memory as its threads made them.
     #[default]
     Builder,
-    /// The builder makes a binary tree of single triangles; the wide tree and its leaves of least expected
-    /// cost are found by dynamic programming. It lies in memory depth first.
+    /// The wide tree and leaves of least expected cost over a binary tree, by dynamic programming.
     Optimal,
 }
 

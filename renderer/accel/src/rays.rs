@@ -5,8 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::limits::TRIANGLES_MAX;
 
-/// A ray segment: `origin + t * direction` for `t_min < t < t_max`. The direction need not be normalised.
-/// Whether a hit at exactly `t_max` counts is left open: native Embree counts it, the others do not.
+/// A ray segment: `origin + t * direction`, `t_min < t < t_max`; a hit at exactly `t_max` is left open.
 #[derive(Clone, Copy, Debug)]
 pub struct Ray {
     /// Where it starts.

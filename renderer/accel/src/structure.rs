@@ -10,8 +10,7 @@ use crate::parameters::{BuildChoice, NativeOptions, TreeParameters, Update};
 use crate::tree::{Tree, TreeStatistics, TwoLevel};
 use crate::{brute_force::BruteForce, error::BuildError, instances::Instances};
 
-/// A built acceleration structure. Each variant is an [`Intersector`] of its own; [`Structure::visit`]
-/// runs code that is compiled once per variant.
+/// A built acceleration structure; [`Structure::visit`] runs code that is compiled for each variant.
 #[derive(Debug)]
 pub enum Structure {
     /// A tunable tree.

@@ -25,8 +25,7 @@ fn towards(center: Vec3, from: f32, near: f32, count: usize, seed: u64) -> Vec<R
     (0..count).map(ray).collect()
 }
 
-/// Needles of length 2 and width 2e-6, turned every way, among triangles of ordinary shape. `begin` says
-/// which corner comes first: the well or the badly conditioned one.
+/// Needles of length 2 and width 2e-6, turned every way. `begin` says which corner comes first.
 fn needles(begin: usize) -> Arc<Triangles> {
     let mut random = scenes::random(81);
     let needles = (0..300).map(|_| {

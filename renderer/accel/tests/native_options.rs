@@ -35,8 +35,7 @@ fn native(triangles: &Arc<Triangles>, options: &NativeOptions) -> Structure {
 fn traits(triangles: &Arc<Triangles>, rays: &[Ray], options: &NativeOptions) -> (f64, Vec<u32>) {
     let mut bytes = usize::MAX;
     let mut weights = Vec::new();
-    // Now and then, on a machine with other work, Embree takes one block of memory more for an equal tree:
-    // the least of a few builds is the tree's own.
+    // Beside other work Embree at times takes one block more: the least of a few builds is the tree's.
     for _ in 0..3 {
         // A device of its own counts the memory of this build alone.
         let alone = device().with_memory_budget(usize::MAX).expect("another device");

@@ -12,8 +12,7 @@ mod scenes;
 
 use scenes::back_ends;
 
-/// Every back end that may trace packets in its own way: native scenes, and trees with every kind of node,
-/// block and test on every instruction set.
+/// Every back end that may trace packets its own way: native scenes, and every kind of tree.
 fn structures(triangles: &Arc<Triangles>) -> Vec<(String, Structure)> {
     let device = back_ends::device();
     let mut all = Vec::new();

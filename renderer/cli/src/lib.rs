@@ -140,8 +140,7 @@ pub fn carry_out(program: &str, run: impl FnOnce() -> Result<(), CliError>) -> E
 /// The exit code that a shell reports for a program which the signal of a closed pipe (13) has ended.
 const ENDED_WITH_ITS_READER: i32 = 128 + 13;
 
-/// Makes the program end quietly when the reader of its output has seen enough, like `head`. The standard
-/// library ignores the signal that ends other programs then, and its `println` panics.
+/// Ends the program quietly when the reader of its output has seen enough, like `head`.
 fn end_with_the_reader() {
     let usual = std::panic::take_hook();
     std::panic::set_hook(Box::new(move |panic| {

@@ -190,8 +190,7 @@ pub(super) struct Rig {
 }
 
 impl Rig {
-    /// By node: whether an animation moves it or a node above it; whether one changes its weights; and
-    /// whether one may flatten it or a node above it.
+    /// By node: whether it or one above moves; whether its weights change; whether it may be flattened.
     pub(super) fn moving(&self) -> [Vec<bool>; 3] {
         let mut moving: [Vec<bool>; 3] = std::array::from_fn(|_| vec![false; self.rest.len()]);
         for track in self.clips.iter().flat_map(|clip| &clip.tracks) {
@@ -207,8 +206,7 @@ impl Rig {
         moving
     }
 
-    /// Takes out the tracks that move no piece and no instance, such as those of cameras. What moves one is a
-    /// track of its targets, or of its node, of a joint of its skin, or of a node above these.
+    /// Takes out tracks that move no piece and no instance by targets, nodes, joints or what is above.
     pub(super) fn keep_what_moves(&mut self) {
         let (mut carries, mut morphs) = (vec![false; self.rest.len()], vec![false; self.rest.len()]);
         let mut is_used = vec![false; self.skins.len()];

@@ -101,8 +101,7 @@ impl Assembler {
         self.materials.fill(sanitized(material));
     }
 
-    /// Adds a texture that materials can name, or finds the one that was added with this key, encoding and
-    /// wrap; `make` decodes its pixels. Nothing, and a note with the `name`, for one that cannot be had.
+    /// Adds or finds a texture by key, encoding and wrap; `make` decodes it. A failure leaves a note.
     pub(crate) fn texture(
         &mut self,
         key: &str,
@@ -141,8 +140,7 @@ impl Assembler {
         self.lights.extend(lights.into_iter().map(|light| light.turned(self.up)));
     }
 
-    /// Begins an object that is placed by [`Assembler::place`]: meshes added from here on are in its space
-    /// and part of it, until [`Assembler::end_object`].
+    /// Begins an object for [`Assembler::place`]: meshes up to [`Assembler::end_object`] are in its space.
     pub fn begin_object(&mut self) {
         self.objects.begin(self.indices.len() as u32, self.positions.len());
     }
@@ -152,8 +150,7 @@ impl Assembler {
         self.objects.end(self.indices.len() as u32, &self.positions)
     }
 
-    /// Places an object in the world. Transformations that cannot be inverted or lead too far out are left
-    /// out and counted; it says whether this one is placed.
+    /// Places an object. Says no to, and counts, transformations without inverse or too far out.
     pub fn place(&mut self, object: u32, to_world: Affine3A) -> bool {
         self.objects.place(object, Affine3A::from_mat3(self.up.matrix()) * to_world)
     }
@@ -354,8 +351,7 @@ impl Assembler {
         self.notes.extend(notes);
     }
 
-    /// Leaves no normals when every mesh is flat. Otherwise gives the flat ones vertices of their own, three
-    /// a triangle, so that all vertices have a normal and flat meshes stay flat.
+    /// Leaves no normals when every mesh is flat; else gives flat ones three vertices a triangle.
     fn settle_normals(&mut self) {
         if self.flat.iter().all(|flat| *flat) {
             self.normals = Vec::new();

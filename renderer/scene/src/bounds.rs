@@ -44,8 +44,7 @@ impl Bounds {
         Self { min: self.min.min(other.min), max: self.max.max(other.max) }
     }
 
-    /// A box around this one after an affine transformation (Arvo, "Transforming axis-aligned bounding
-    /// boxes", 1990), rounded outwards. Nothing stays nothing.
+    /// A box around this one after `by` (Arvo, 1990), rounded outwards. Nothing stays nothing.
     pub fn transformed(&self, by: &Affine3A) -> Self {
         if self.min.x > self.max.x {
             return *self;

@@ -18,8 +18,7 @@ pub struct CameraPath {
 }
 
 impl CameraPath {
-    /// The path of a scene: through its hand-laid keys if it has them, else a gentle swing around its first
-    /// camera that comes back to where it began.
+    /// A scene's path: through its keys, else a gentle swing around its first camera and back.
     pub fn of(scene: &Scene) -> Self {
         Self::through(if scene.path_keys.is_empty() { swing(scene) } else { scene.path_keys.clone() })
     }

@@ -52,8 +52,7 @@ impl Environment {
         Ok(Self { width, height: height as u32, pixels })
     }
 
-    /// This sky brighter by a factor, and turned to the right by an angle, seen along the negative z axis.
-    /// The angle is rounded to the map's pixels.
+    /// This sky brighter by a factor, and turned to the right by an angle, rounded to pixels.
     pub fn changed(mut self, factor: f32, turn_deg: f32) -> Self {
         self.pixels.iter_mut().for_each(|pixel| *pixel = (*pixel * factor).min(Vec3::splat(f32::MAX)));
         let columns = (turn_deg / 360.0).rem_euclid(1.0) * self.width as f32;

@@ -13,8 +13,7 @@ use super::{assemble::Assembler, part::Part};
 /// Types of numbers that integers may stand for.
 const NUMBERS: &[DataType] = &[DataType::F32, DataType::I8, DataType::U8, DataType::I16, DataType::U16];
 
-/// Reads animations and skins. `order` holds the nodes of the shown scene with their parents, parents first.
-/// Those that cannot be read are left out with a note.
+/// Reads animations and skins by `order`, parents first. Unreadable ones are left out with a note.
 pub(super) fn read(
     document: &Document,
     order: Vec<(usize, Option<usize>)>,

@@ -290,8 +290,7 @@ impl Walk<'_> {
         self.mesh(mesh, mesh.name().or(stand.node.name()).map(str::to_owned), Some(stand))
     }
 
-    /// Brings the triangles of a primitive from its mesh's space to the world, through skins and morph
-    /// targets at rest, and remembers those that animations move.
+    /// Brings a primitive's triangles to the world, posed at rest, and remembers what animations move.
     fn bring(&mut self, primitive: &Primitive, part: &mut Part, stand: &Stand) {
         let node = stand.node.index();
         let has_targets = primitive.morph_targets().next().is_some();

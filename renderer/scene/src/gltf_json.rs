@@ -43,8 +43,7 @@ const READ: [&str; 6] = [
     "KHR_texture_transform",
 ];
 
-/// Extensions that change nothing in the picture, or whose traces get a note: compression beside plain data,
-/// other pictures of a texture, other materials, copies of a mesh, metadata.
+/// Extensions that change nothing in the picture, or whose traces get a note.
 const NOTED_ELSEWHERE: [&str; 9] = [
     "KHR_draco_mesh_compression",
     "EXT_meshopt_compression",

@@ -40,8 +40,7 @@ impl Coordinates {
 }
 
 impl Materials {
-    /// The scene's index of a primitive's material. Surfaces without one become light grey: the format's own
-    /// default is a white metal, which hardly anybody means by a missing material.
+    /// The index of a primitive's material; light grey for none, not the format's white metal.
     pub(super) fn of(&mut self, material: &gltf::Material, assembler: &mut Assembler) -> u32 {
         match material.index().and_then(|index| self.numbers.get(index)) {
             Some((number, _)) => *number,
@@ -211,8 +210,7 @@ fn coordinates_of(info: &gltf::texture::Info) -> Coordinates {
     }
 }
 
-/// Whether the material's extras name a kind of surface that is glass without thickness: a pane modelled by
-/// one sheet, which must not bend light.
+/// Whether the extras name glass without thickness: one sheet, which must not bend light.
 fn is_thin(material: &gltf::Material) -> bool {
     let Some(raw) = material.extras() else {
         return false;

@@ -61,8 +61,7 @@ fn read_within(path: &Path, bytes_max: u64) -> Result<Vec<u8>, String> {
     std::fs::read(path).map_err(message)
 }
 
-/// The bytes behind an address: data in the address itself, or a file beside the scene. Some write a file's
-/// name with backslashes, or without percent signs for what needs them.
+/// The bytes behind an address: data in it, or a file, whose name may have backslashes or odd signs.
 pub(super) fn fetch(address: &str, base: Option<&Path>, bytes_max: u64) -> Result<Vec<u8>, String> {
     if let Some(data) = address.strip_prefix("data:") {
         let (_, encoded) = data.split_once(";base64,").ok_or("its data is not in base64")?;

@@ -49,8 +49,7 @@ impl SceneIndicators {
     }
 }
 
-/// Share of a surface's reflection that scatters widely: all of a matt surface, none of a mirror or of clear
-/// glass, and as much of a metal or of frosted glass as it is rough.
+/// Share of a surface's reflection that scatters widely: 1 if matt, 0 for mirrors, else as it is rough.
 fn diffuse_share(material: &Material) -> f64 {
     let [metallic, roughness, transmission, ior] =
         [material.metallic, material.roughness, material.transmission, material.ior].map(f64::from);

@@ -80,11 +80,9 @@ pub struct Scene {
     pub name: String,
     /// All triangles: in world space, or each in its object's space where there are `instances`.
     pub triangles: Arc<Triangles>,
-    /// Where objects stand. Most scenes have none and are met as they are; with them, rays meet only what an
-    /// instance places. Objects are made of whole meshes.
+    /// Where objects of whole meshes stand; without any, all is met as it is.
     pub instances: Option<Arc<Instances>>,
-    /// Shading normal of each vertex (unit length, parallel to `triangles.positions()`); empty when every
-    /// triangle is flat. The front (counter-clockwise) side of a triangle is where its normals point.
+    /// Unit shading normal of each vertex, on the front (counter-clockwise) side; none if all are flat.
     pub normals: Vec<Vec3>,
     /// Texture coordinates of each vertex; empty when no mesh has a texture.
     pub uvs: Vec<Vec2>,
@@ -165,13 +163,11 @@ pub struct Material {
     pub transmission_texture: Option<u32>,
     /// Rays go through where the base colour's alpha is below this. Above 1: nowhere solid.
     pub cutoff: Option<f32>,
-    /// The transmission is that of blending: light passes straight through and untinted, more of it where the
-    /// base colour texture's alpha, times `opacity`, is lower.
+    /// Transmission is blending: straight and untinted, more where alpha times `opacity` is lower.
     pub blends: bool,
     /// Factor of the base colour texture's alpha in blending.
     pub opacity: f32,
-    /// The inside of a surface that bounds a solid: transmitted light bends on the way in and out. Without
-    /// one, a transmitting surface is a thin sheet that light passes straight through.
+    /// The inside of a solid, where light bends; without one a transmitting surface is a thin sheet.
     pub volume: Option<Volume>,
 }
 
@@ -265,8 +261,7 @@ pub struct Camera {
     pub up: Vec3,
     /// Full vertical angle of view.
     pub vertical_fov_deg: f32,
-    /// Width over height of the picture it was made for, if that is known: in a narrower one the vertical
-    /// angle widens, so that all it was made to show stays in sight. Otherwise the vertical angle is kept.
+    /// Width over height of its picture, if known: narrower ones widen the vertical angle.
     pub framed_aspect: Option<f32>,
 }
 

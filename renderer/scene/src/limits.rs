@@ -13,8 +13,7 @@ pub const MESHES_MAX: usize = 1 << 20;
 /// Most triangles that instances place: indicators look at each of them, for some seconds.
 pub const PLACED_TRIANGLES_MAX: u64 = 1 << 30;
 
-/// Meshes of a glTF file that several nodes name become instances when that saves more triangles than this.
-/// Below it the scene is flattened, for a tree of one level is walked faster.
+/// Meshes of several nodes become instances when that saves more triangles than this.
 pub const INSTANCING_SAVES_MIN: u64 = 1_000_000;
 
 /// Deepest nesting of nodes in a glTF file.
@@ -41,8 +40,7 @@ pub const ENVIRONMENT_EDGE_MAX: u32 = 1 << 14;
 /// Most cameras taken from a file; a file with more is usually an animation exported frame by frame.
 pub const CAMERAS_MAX: usize = 256;
 
-/// Range of the `detail` of a built-in scene. At the upper end the largest scene has some 8 million
-/// triangles, and the one of instances places 80 million.
+/// Range of the `detail` of a built-in scene: up to some 8 million triangles, 80 million placed.
 pub const DETAIL_RANGE: std::ops::RangeInclusive<f32> = 0.001..=8.0;
 
 /// Most lights without size taken from a file.
@@ -51,8 +49,7 @@ pub const PUNCTUAL_LIGHTS_MAX: usize = 1 << 16;
 /// Diagonals of scenes that are drawn in the lengths of their files.
 pub const DIAGONAL_RANGE: std::ops::RangeInclusive<f32> = 1e-6..=1e7;
 
-/// Distance of a scene's middle from the origin, in diagonals, beyond which it is drawn around the origin:
-/// single precision has lost six of its 24 bits there.
+/// Distance of a scene's middle in diagonals beyond which it is drawn around the origin.
 pub const DISTANCE_MAX: f64 = 64.0;
 
 /// Angles of view of a camera in degrees: below, neighbouring rays would be equal in single precision.

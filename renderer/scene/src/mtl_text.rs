@@ -12,8 +12,7 @@ const READ: [&str; 18] = [
     "map_Ke", "map_Pr", "map_Pm", "norm",
 ];
 
-/// The material files that an OBJ names, in order, each once. A name that is no file in the folder is tried
-/// without quotes, with slashes for backslashes, and as several names.
+/// The material files that an OBJ names, each once; names without a file are also tried repaired.
 pub(super) fn libraries(text: &str, folder: &Path) -> Vec<String> {
     let mut names = Vec::new();
     for (_, statement) in statements(text) {

@@ -20,8 +20,7 @@ const LEAN: f32 = 0.18;
 /// Seed of a cylinder that joins a given scene: its needles are equal at every angle.
 const SEED: u64 = 1;
 
-/// The needles, two crossing triangles each, in two parts for two colours. `turn` is the share of a round
-/// about the vertical; `between` draws a number from a range.
+/// The needles, two crossing triangles each, in two parts. `turn` is a share; `between` draws.
 pub(crate) fn bundles(
     bounds: &Bounds,
     turn: f32,

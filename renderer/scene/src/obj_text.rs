@@ -199,8 +199,7 @@ impl Faces<'_> {
         }
     }
 
-    /// The numbers of a corner `position/texture/normal`, counted from the start. Of texture coordinates and
-    /// normals, zero and a number of what the file does not have count as none.
+    /// The numbers of a corner `position/texture/normal` from the start; what is not there is none.
     fn corner(&mut self, word: &str) -> Result<[usize; 3], String> {
         let VertexData { positions, uvs, normals, .. } = &self.vertices;
         let ends = [positions.len(), uvs.len(), normals.len()];

@@ -17,8 +17,7 @@ pub struct Part {
     pub indices: Vec<[u32; 3]>,
 }
 
-/// The matrix that moves normals, but for their length, where `linear` moves positions. The cofactor matrix
-/// does so like the inverse transpose, and exists for flattened meshes too.
+/// The matrix that moves normals, but for their length: the cofactors, also of flattened meshes.
 pub(super) fn normal_matrix(linear: &Mat3) -> Mat3 {
     Mat3::from_cols(
         linear.y_axis.cross(linear.z_axis),
@@ -66,8 +65,7 @@ impl Part {
         }
     }
 
-    /// Area-weighted normals of the vertices, for surfaces that should look smooth. Unit length; up where a
-    /// vertex has no area around it. Triangles of vertices that there are not count for nothing.
+    /// Area-weighted unit normals of the vertices; up where there is no area. Wrong triangles do not count.
     pub fn smooth_normals(&self) -> Vec<Vec3> {
         let mut normals = vec![Vec3::ZERO; self.positions.len()];
         for triangle in &self.indices {

@@ -93,8 +93,7 @@ impl Lengths<'_> {
         }
     }
 
-    /// Brings lengths and places with these bounds into the range of single precision. `placement` holds the
-    /// loader's own move, and is completed. Returns the notes for the user.
+    /// Brings places with these bounds into range, completes `placement`, and returns notes.
     pub(super) fn settle(&mut self, bounds: Bounds, placement: &mut Placement) -> Vec<String> {
         let mut notes = Vec::new();
         let diagonal = bounds.size().as_dvec3().length();

@@ -9,8 +9,7 @@ use super::text;
 /// The end of the header.
 const END: &[u8] = b"end_header";
 
-/// The file with a header of lines that end in line feeds, without byte order mark, blank lines or bytes that
-/// are no text; and where its body begins. Nothing is changed where nothing has to be.
+/// The file with a header of plain lines, changed only where it has to be; and where its body begins.
 pub(super) fn with_plain_header(bytes: &[u8]) -> (Cow<'_, [u8]>, usize) {
     let unmarked = text::without_mark(bytes);
     let is_line_end = |byte: &u8| matches!(byte, b'\n' | b'\r');

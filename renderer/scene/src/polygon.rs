@@ -7,8 +7,7 @@ use glam::{DVec2, DVec3, Vec3};
 /// A corner counts as turned inward where the sine of its angle is below this: rounding bends straight edges.
 const BENT: f64 = -1e-6;
 
-/// Cuts a polygon into triangles of its orientation, as three of its corners' numbers each. It is seen along
-/// its normal after Newell, so that corners need not lie in one plane.
+/// Cuts a polygon into triangles of its orientation by its corners, along its normal after Newell.
 pub(super) fn triangles(corners: &[u32], positions: &[Vec3], mut push: impl FnMut([u32; 3])) {
     if corners.len() > 3
         && let Some(flat) = projected(corners, positions)
@@ -32,8 +31,7 @@ pub(super) fn triangles(corners: &[u32], positions: &[Vec3], mut push: impl FnMu
     }
 }
 
-/// The corners on the plane of two axes that the polygon is least slanted to, counter-clockwise. `None`
-/// without an area, or for a corner that is not there or not finite.
+/// The corners on the plane of two axes, counter-clockwise. `None` without area or a finite corner.
 fn projected(corners: &[u32], positions: &[Vec3]) -> Option<Vec<DVec2>> {
     let at = |corner: &u32| positions.get(*corner as usize).map(|position| position.as_dvec3());
     let solid: Vec<DVec3> = corners.iter().map(at).collect::<Option<_>>()?;
@@ -59,8 +57,7 @@ fn projected(corners: &[u32], positions: &[Vec3]) -> Option<Vec<DVec2>> {
     Some(solid.iter().map(flat).collect())
 }
 
-/// Number of full turns of a counter-clockwise polygon's edges, one for a convex polygon; `None` if a corner
-/// turns inward. Edges without length are passed over.
+/// Full turns of a counter-clockwise polygon's edges, one if convex; `None` if a corner turns inward.
 fn turns(flat: &[DVec2]) -> Option<f64> {
     let following = flat.iter().cycle().skip(1);
     let edges: Vec<DVec2> =

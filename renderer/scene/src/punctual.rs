@@ -30,8 +30,7 @@ pub enum Punctual {
     },
 }
 
-/// The cone of a spot: full intensity up to the inner angle, none from the outer one on, and between them the
-/// square of how far the cosine is on its way.
+/// The cone of a spot: full up to the inner angle, none from the outer one, squared between.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Cone {
     /// Unit vector in which it shines.
@@ -54,8 +53,7 @@ pub struct Arrival {
 }
 
 impl Cone {
-    /// A cone around an axis of any length but zero, with half its inner and outer opening angle in radians.
-    /// Angles out of their range (0 to the outer one; to a right angle) are moved into it.
+    /// A cone of half its opening angles in radians, moved into range (0 to outer to a right angle).
     pub fn new(axis: Vec3, inner_rad: f32, outer_rad: f32) -> Self {
         let outer = outer_rad.clamp(0.0, FRAC_PI_2);
         let inner = inner_rad.clamp(0.0, outer);

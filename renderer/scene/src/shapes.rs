@@ -97,8 +97,7 @@ impl Shapes {
         self.quad(a, b, c, d);
     }
 
-    /// A smooth grid of `columns` by `rows` cells over (u, v) in 0..1 squared, two triangles a cell; the
-    /// front side is where d/du × d/dv points. `wrap` joins the last column to the first.
+    /// A smooth grid of cells over (u, v) in 0..1; its front is where d/du × d/dv points.
     pub fn surface(&mut self, columns: usize, rows: usize, wrap: bool, point: impl Fn(f32, f32) -> Vec3) {
         let (columns, rows) = (columns.max(if wrap { 3 } else { 1 }), rows.max(1));
         let across = if wrap { columns } else { columns + 1 };
@@ -124,8 +123,7 @@ impl Shapes {
         self.part.append(&sheet);
     }
 
-    /// Turns a profile of (radius, height) points, from bottom to top, around the vertical axis through
-    /// `base`. Neighbouring points at a right angle give a rounded look; repeat a point for a sharp edge.
+    /// Turns a profile of (radius, height) points around the vertical through `base`; doubled ones are sharp.
     pub fn lathe(&mut self, base: Vec3, profile: &[Vec2], segments: usize) {
         // Runs between repeated points are smooth; a repeated point starts a new run with its own normals.
         for run in profile.chunk_by(|a, b| a != b).filter(|run| run.len() > 1) {
@@ -191,8 +189,7 @@ impl Shapes {
         }
     }
 
-    /// A bar with a cross-section (a polygon, counter-clockwise seen against the direction of travel), swept
-    /// along frames of (origin, right, up); flat sides, sharp edges.
+    /// A bar with a counter-clockwise cross-section, swept along frames of (origin, right, up); flat sides.
     pub fn sweep(&mut self, section: &[Vec2], frames: &[(Vec3, Vec3, Vec3)]) {
         let place =
             |(origin, right, up): (Vec3, Vec3, Vec3), point: Vec2| origin + right * point.x + up * point.y;

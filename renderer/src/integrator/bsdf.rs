@@ -346,8 +346,7 @@ impl Coat {
     }
 }
 
-/// Share of Fresnel's rise towards grazing angles that a rough layer shows: microfacets seen at grazing
-/// angles are turned to the viewer. Within 0.05 of the mean over samples of visible normals.
+/// Share of Fresnel's rise towards grazing angles that a rough layer shows, within 0.05.
 fn rise_seen(alpha: Option<f32>) -> f32 {
     alpha.map_or(1.0, |alpha| 1.0 / (1.0 + alpha * (4.0 + 2.0 * alpha)))
 }
@@ -377,8 +376,7 @@ pub(super) fn masking(alpha: f32, cosine: f32) -> f32 {
     2.0 * cosine / (cosine + smith_root(alpha, cosine))
 }
 
-/// A microfacet normal, of any length, that is visible from the view: a uniform point on the spherical cap
-/// that a perfect sphere would show, stretched back.
+/// A microfacet normal, of any length, that is visible: a point on a sphere's cap, stretched back.
 #[inline(always)]
 pub(super) fn visible_normal(alpha: f32, view: Vec3, [u, v]: [f32; 2]) -> Vec3 {
     let stretched = Vec3::new(view.x * alpha, view.y * alpha, view.z).normalize();

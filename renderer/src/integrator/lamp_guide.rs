@@ -275,8 +275,7 @@ impl LampGuide {
         Some(guide)
     }
 
-    /// Adds the table of a cell. Returns how much sooner its light is drawn than by power alone, in the
-    /// mean; `None` if it has no light that could be drawn, and then no table.
+    /// Adds a cell's table. Returns how much sooner its light is drawn; `None` if none could be.
     fn add(&mut self, key: u64, learned: &CellLamps) -> Option<f32> {
         let total: f32 = learned.lamps.iter().map(|(_, light, _)| light).sum();
         if !(total > 0.0 && total.is_finite()) {

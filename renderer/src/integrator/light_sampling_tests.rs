@@ -103,8 +103,7 @@ fn open_room() -> (Renderer, View) {
     room(0.4, &[])
 }
 
-/// The same under a dark sky, behind a pane of dark glass. A tenth of the light passes the glass, so that few
-/// paths survive its back with `path_roulette`; their front has just drawn that they do not turn back there.
+/// The same under a dark sky, behind dark glass, whose back few paths survive with `path_roulette`.
 fn behind_glass() -> (Renderer, View) {
     let glass = Material {
         base_color: Vec3::ONE,

@@ -557,8 +557,7 @@ impl Lights {
         (self.sun.as_ref(), self.sun_share)
     }
 
-    /// Density over area with which [`Lights::sample`] draws a point of this emission. The triangle's area
-    /// cancels: it is chosen by area times luminance, then uniformly.
+    /// Density over area with which [`Lights::sample`] draws a point of this emission.
     pub fn lamp_density(&self, emission: Vec3) -> f32 {
         self.density * luminance(emission)
     }

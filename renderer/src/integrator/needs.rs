@@ -31,8 +31,7 @@ pub struct Needs {
     pub environment: bool,
     /// Lights without size.
     pub punctual: bool,
-    /// Rough metals, whose microfacets reflect light to each other. Kernels that shade one hit know it from
-    /// the material; those that shade many at once learn it here.
+    /// Rough metals, for kernels that shade many hits at once; the others see the material.
     pub metals: bool,
 }
 
@@ -72,8 +71,7 @@ impl Needs {
         }
     }
 
-    /// The needs that the kernel of a number covers. A number whose set is not closed stands for the larger
-    /// closed set; such a number is never asked for.
+    /// The needs that a kernel's number covers; where its set is not closed, of the larger closed one.
     pub(super) const fn of_kernel(number: usize) -> Self {
         let bits = match number {
             0..=Self::COMMON => number,
@@ -117,7 +115,6 @@ impl Needs {
     }
 
     /// The closed set: sheets and rough metals reflect as well, and rare needs come with all the common ones.
-    /// A kernel that reflects recognises rough metals by their material.
     pub(super) const fn closed(self) -> Self {
         if self.rare() > 0 {
             Self::from_bits(self.bits() | Self::COMMON | Self::METALS)
@@ -139,8 +136,7 @@ impl Needs {
         self.lamps || self.sun || self.environment || self.punctual
     }
 
-    /// Whether a ray after the last bounce needs its hit. Where no surface can shine, be lit directly or let
-    /// the ray through, it is enough to know that there is a hit: then no light of the sky arrives.
+    /// Whether a last ray needs its hit, not only that there is one: a surface may shine or let it through.
     pub const fn last_hits(self) -> bool {
         self.shadows() || self.sheets
     }

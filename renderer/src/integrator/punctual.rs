@@ -19,8 +19,7 @@ const CANDIDATES: usize = 8;
 /// Parts of the probability that few lights share. At least twice as many as lights.
 const SHARES: u32 = 16;
 
-/// The density of a direction without width: so high that the weight of any other technique rounds to
-/// nothing. A power of two, which costs no digits when it cancels.
+/// The density of a direction without width: so high that any other weight vanishes; a power of two.
 const NO_WIDTH: f32 = (1_u64 << 40) as f32;
 
 /// The lights without size of a scene, ready to be sampled.
@@ -55,8 +54,7 @@ impl PunctualLights {
         Some(Self { lights, table: Some((table, shares)) })
     }
 
-    /// Chooses a light for a surface, by two numbers in [0, 1). `None` where none of the candidates reaches
-    /// it. `share` is the probability that lights without size are asked at all.
+    /// Chooses a light by two numbers in [0, 1), asked with probability `share`. `None` where none reaches.
     pub(super) fn sample(
         &self,
         position: Vec3,

@@ -31,8 +31,7 @@ fn mix(mut z: u64) -> u64 {
     z ^ (z >> 31)
 }
 
-/// Changes each bit by those below it and a seed: Owen's scrambling of a number whose bits stand the other
-/// way round (Laine and Karras 2011, with Vegdahl's constants of 2021).
+/// Owen's scrambling of reversed bits by a seed (Laine and Karras 2011, Vegdahl's constants of 2021).
 #[inline(always)]
 fn scrambled(mut x: u32, seed: u32) -> u32 {
     x ^= x.wrapping_mul(0x3d20_adea);

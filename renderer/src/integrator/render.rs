@@ -47,8 +47,7 @@ pub fn render_sample_until<I: Intersector>(
 ) -> (Counts, bool) {
     assert!(needs.covers(prepared.needs), "the kernel must be able to do what the scene needs");
     let frame = Frame::new(prepared, view, needs, film);
-    // Tiles differ in cost by an order of magnitude, so each thread fetches the next when it is done with
-    // one. That is one uncontended lock a tile, none a ray.
+    // Tiles differ in cost tenfold, so each thread fetches the next: one uncontended lock a tile.
     let tiles = Mutex::new(film.tiles(options.tile()).into_iter());
     let is_late = || until.is_some_and(|until| Instant::now() >= until);
     let next = || tiles.lock().unwrap_or_else(PoisonError::into_inner).next();

@@ -78,8 +78,7 @@ pub fn uniform_triangle([u, v]: [f32; 2]) -> [f32; 2] {
     [root * (1.0 - v), root * v]
 }
 
-/// Weight of a sample drawn with density `pdf` when another technique would draw it with `other`: the power
-/// heuristic with exponent 2 (Veach, Robust Monte Carlo Methods for Light Transport Simulation, 1997, 9.2.4).
+/// Weight of a sample of density `pdf` beside `other`: the power heuristic (Veach 1997, 9.2.4).
 #[inline(always)]
 pub fn power_heuristic(pdf: f32, other: f32) -> f32 {
     if !other.is_finite() {
@@ -96,8 +95,7 @@ pub fn luminance(color: Vec3) -> f32 {
     color.dot(Vec3::new(0.2126, 0.7152, 0.0722))
 }
 
-/// Draws an index with probability proportional to its weight in constant time, after Vose (A Linear
-/// Algorithm for Generating Random Numbers with a Given Distribution, 1991).
+/// Draws an index in proportion to its weight in constant time (Vose 1991).
 #[derive(Clone, Debug, Default)]
 pub struct AliasTable {
     /// Probability of keeping the slot's own index, and the index taken otherwise.

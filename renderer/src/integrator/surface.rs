@@ -168,8 +168,7 @@ pub(super) struct Surface {
 }
 
 impl Surface {
-    /// The point where `ray` meets the facet of `hit`, as it stands in the world. `None` if the triangle has
-    /// no area. `INTERPOLATE` is false where no facet is smooth.
+    /// Where `ray` meets the facet of `hit` in the world, if it has an area. `INTERPOLATE`: any is smooth.
     #[inline(always)]
     pub(super) fn new<const INTERPOLATE: bool>(standing: &WorldFacet, ray: &Ray, hit: &Hit) -> Option<Self> {
         let WorldFacet { corner_and_edges, normals, longest, place, is_smooth, .. } = *standing;
@@ -216,8 +215,7 @@ pub(super) fn facing(normal: Vec3, direction: Vec3) -> Vec3 {
     if normal.dot(direction) > 0.0 { -normal } else { normal }
 }
 
-/// The interpolated normal on the viewer's side. Normals interpolated over coarse meshes can turn away from
-/// the viewer or from the triangle; the triangle's own normal is right then.
+/// The interpolated normal, or the triangle's where that turns away from viewer or triangle.
 #[inline(always)]
 pub(super) fn guarded(interpolated: Vec3, geometric_normal: Vec3, direction: Vec3) -> Vec3 {
     let side = interpolated.dot(geometric_normal);

@@ -125,8 +125,7 @@ fn a_white_body_vanishes_in_a_white_furnace() {
 
 #[test]
 fn inside_a_glowing_ball_a_grey_patch_shows_its_albedo() {
-    // Irradiance inside a closed surface of radiance 1 is π everywhere, so radiance is the albedo: light
-    // sampling, surface sampling and their weights must add up to it.
+    // Irradiance inside a surface of radiance 1 is π, so radiance is the albedo, however sampled.
     let patch = quad(Vec3::new(-0.2, -0.2, 0.0), Vec3::X * 0.4, Vec3::Y * 0.4);
     let ball = scene(&[(sphere(5.0, 2), glowing(1.0)), (patch, lambert(0.5))], NIGHT);
     let mut near = camera(Vec3::Z * 1.0, Vec3::ZERO);

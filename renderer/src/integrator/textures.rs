@@ -85,8 +85,7 @@ impl Place {
     }
 }
 
-/// A normal of a map in the world: x along the first texture coordinate, y against the second, z along
-/// `normal`. Nothing where texture coordinates or normals have no direction.
+/// A map's normal in the world: x along u, y against v, z along `normal`. Nothing without directions.
 fn bumped(local: Vec3, normal: Vec3, [ab, ac]: [Vec3; 2], [along_ab, along_ac]: [Vec2; 2]) -> Option<Vec3> {
     let normal = normal.try_normalize()?;
     let turn = along_ab.perp_dot(along_ac);

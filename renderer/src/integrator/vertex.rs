@@ -29,8 +29,7 @@ pub(super) const SHADOW_SHARE: f32 = 1.0 - 1e-4;
 pub(super) struct Path {
     /// The factor on light that arrives along the ray.
     pub(super) throughput: Vec3,
-    /// The density of the ray, by which a light that it meets is weighed: the solid angle density of a rough
-    /// lobe at `from`, or [`DIRECT`] or [`CAUSTIC`].
+    /// The density by which a light it meets is weighed: of a lobe at `from`, [`DIRECT`] or [`CAUSTIC`].
     pub(super) pdf: f32,
     /// Where it was scattered last; behind mirrors and glass, where that or the eye seems to be.
     pub(super) from: Vec3,
@@ -45,8 +44,7 @@ pub(super) struct Path {
 /// From the camera, or only perfect mirrors since: no other technique finds these lights.
 pub(super) const DIRECT: f32 = -1.0;
 
-/// A perfect mirror after a rough surface. As [`DIRECT`], but the sun's tiny disc is left out: such caustics
-/// are too rare to converge and would only leave bright dots.
+/// A perfect mirror after a rough surface: [`DIRECT`] without the sun's disc, which leaves bright dots.
 const CAUSTIC: f32 = -2.0;
 
 impl Path {
@@ -78,8 +76,7 @@ impl Tracing {
         u32::from(path.bounce) > self.bounces
     }
 
-    /// The factor on the light of the ray that a rough lobe sends on from a vertex whose random numbers begin
-    /// at `place`: 1 while bounces are left, then that of a last ray. 0 where none follows.
+    /// The factor on the light of a rough lobe's ray: 1 while bounces are left, then the last's; 0 for none.
     #[inline(always)]
     pub(super) fn follow(&self, path: &Path, place: u32) -> f32 {
         if u32::from(path.bounce) < self.bounces {
@@ -94,8 +91,7 @@ impl Tracing {
 /// Assumed width, in radians, of light that comes over a perfect mirror after a rough surface.
 const CAUSTIC_ANGLE: f32 = 0.1;
 
-/// The angle after a rough surface: this share of the root of one over the density, which is about the angle
-/// between neighbours among a pixel's samples. It is also the greatest angle, in radians.
+/// The angle after a rough surface: this share of one over the density's root; also the greatest.
 const ROUGH_ANGLE: f32 = 0.25;
 
 impl Path {
@@ -248,8 +244,7 @@ fn vertex<const NEEDS: usize>(
     }
 }
 
-/// The weight of a sample with density `pdf` that another technique draws with `other`, over the density: the
-/// power heuristic with one division less.
+/// The power heuristic's weight of a sample of density `pdf` beside `other`, over the density.
 #[inline(always)]
 pub(super) fn weight_over_density(pdf: f32, other: f32) -> f32 {
     let ratio = other / pdf;
@@ -280,8 +275,7 @@ pub(super) struct Context<'a> {
 }
 
 impl Context<'_> {
-    /// Samples a light and prepares the ray to it: `value` gives the surface's value times the cosine for a
-    /// direction, and the density with which the surface's own sampling draws it.
+    /// Samples a light and prepares its ray: `value` gives value times cosine, and its own density.
     #[inline(always)]
     fn light<const NEEDS: usize>(
         &self,

@@ -5,8 +5,7 @@ use treewright_client::{Configuration, Parameter};
 
 use super::{ConfigurationError, Preset, TuningSpace, parse, space_of};
 
-/// Defaults of the full space's parameters for somebody who has tuned nothing: those of Embree, of its tree
-/// builder (the paper's Table 1), and of a renderer that traces path by path, ray by ray.
+/// The full space's defaults untuned: Embree's, its builder's (Table 1), path by path.
 const UNTUNED: &str = "native_quality=medium,builder=embree,quality=2,search_radius=8,\
      cluster_size=1,collapse=builder,branching_factor=2,node_width=8,reinsertion_passes=0,\
      max_depth=32,sah_block_size=1,min_leaf_size=1,max_leaf_size=32,traversal_cost=1.0,block_width=4,\

@@ -17,11 +17,9 @@ use crate::{film::Film, frame::Renderer};
 /// Rounds of the configurations that anybody would try; the race has more for those that do well in them.
 const ROUNDS: u32 = 2;
 
-/// Least room of a confirmation, which else has as many trials as its search: five contenders in ten rounds
-/// and a few more. An open verdict is reported, and the final rounds measure again anyway.
+/// Least room of a confirmation: five contenders in ten rounds and a few more.
 const TRIALS_LEAST: u32 = 60;
-/// Most trials of a confirmation: five contenders in ten rounds, two in the thirty more that a policy allows
-/// by default, and as much again for frames that the service wants for other reasons.
+/// Most trials of a confirmation: ten rounds of five, thirty of two, and as much again.
 const TRIALS_MAX: u32 = 220;
 
 /// Trials without the daemon's answer after which its verdict is given up.

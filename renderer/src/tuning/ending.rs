@@ -36,8 +36,7 @@ pub struct Progress {
 }
 
 impl Ending {
-    /// Whether a search ends here. `expected_gain` is the service's expected gain of the stage until the
-    /// number of tried configurations has doubled.
+    /// Whether a search ends here, by the service's expected gain until the tried ones have doubled.
     pub fn of(progress: Progress, expected_gain: f64, worth: Duration) -> Option<Self> {
         let Progress { trials, trials_max, tried, spent } = progress;
         // Without an end of the time to come every gain pays, also one that is not expected.

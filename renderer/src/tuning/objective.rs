@@ -34,15 +34,13 @@ pub const BUILD_DELAY_MS: &str = "build_delay_ms";
 /// Name of the time that the render threads together waited for a processor during a frame, in milliseconds.
 pub const RENDER_DELAY_MS: &str = "render_delay_ms";
 
-/// Name of what a study minimises as it would have been if no thread had waited for a processor, in
-/// milliseconds: it explains what other programs made of a cost.
+/// Name of the minimised milliseconds without waiting: it explains what other programs cost.
 pub const UNDELAYED_MS: &str = "undelayed_ms";
 
 /// Name of how many trials a structure had served before, where it was used again.
 pub const TRIALS_BEFORE: &str = "trials_before";
 
-/// Name of the memory of the structure, in bytes. No study declares it: it does not explain what other
-/// programs made of a cost, and taking it for that would take a part of the cost off with it.
+/// Name of the structure's bytes, which no study declares: it does not explain other programs.
 pub const STRUCTURE_BYTES: &str = "structure_bytes";
 
 /// Number of frames that share a build in progressive rendering.
@@ -191,8 +189,7 @@ pub fn specification(
 /// Name of the measurement of a frame with the share of its build that is true at the time, in milliseconds.
 pub const FRAME_MS: &str = "frame_ms";
 
-/// Cost of a frame with its share of a build that serves `frames_per_build` frames, in milliseconds. Where
-/// its noise was measured, it is the cost of as many frames as it takes to the error.
+/// Cost of a frame with its share of a build in milliseconds, times the frames to the error if noisy.
 pub fn frame_cost(times: FrameTimes, frames_per_build: u32) -> f64 {
     let frame_ms = times.build_ms / f64::from(frames_per_build) + times.render_ms;
     times.noise.map_or(frame_ms, |noise| frame_ms * noise.samples_to_error)
@@ -203,8 +200,7 @@ pub fn study_id(objective: Objective, space: &TuningSpace) -> String {
     format!("{}-{}", objective.name(), space_in_ids(space))
 }
 
-/// The name of a space in the ids of its studies. A space that had other parameters once has a number, e.g.
-/// `full-3`: studies with the former ones stay what they are.
+/// The name of a space in its studies' ids, with a number if it had other parameters once.
 pub fn space_in_ids(space: &TuningSpace) -> String {
     let number = match space.preset() {
         Preset::Full | Preset::Light => "-3",
@@ -213,8 +209,7 @@ pub fn space_in_ids(space: &TuningSpace) -> String {
     space.name() + number
 }
 
-/// The raw measurements of a trial of `frames` frames, as they are reported for an objective. Those that rest
-/// on the picture's noise have its standard error.
+/// The measurements of a trial of `frames` frames for an objective; noise has its standard error.
 pub fn measurements(times: Option<FrameTimes>, frames: u32, objective: Objective) -> Measurements {
     match times {
         Some(times) => {

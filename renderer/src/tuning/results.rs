@@ -211,8 +211,7 @@ impl TuningResults {
         Self { safety, ..self }
     }
 
-    /// After how many trials the service's answer is shown to be `factor` times as fast as the start, where
-    /// it stays so: its interval lies above that.
+    /// Trials until the service's answer is, and stays, shown to be `factor` times as fast as the start.
     pub fn trials_until(&self, factor: f64) -> Option<u32> {
         let reaches = |milestone: &&Milestone| {
             milestone.over_start.and_then(|ratio| ratio.interval).is_some_and(|[low, _]| low >= factor)

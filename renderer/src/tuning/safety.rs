@@ -16,8 +16,7 @@ const FRAMES_PER_DEAR: u64 = 20;
 /// Trials of the start that suffice for its cost during a search.
 const STARTS_LEAST: usize = 3;
 
-/// The cost of a start while a search ran. Where trials ran it often enough, it is the median of their costs,
-/// since the machine may have been slower or faster at other times. Else it is `otherwise`.
+/// The cost of a start while a search ran: the median of enough trials of it, else `otherwise`.
 pub fn start_cost(trials: &[f64], otherwise: impl FnOnce() -> Option<f64>) -> Option<f64> {
     match trials.len() >= STARTS_LEAST {
         true => Some(Summary::of(trials).median),
@@ -37,8 +36,7 @@ pub struct Safety {
 }
 
 impl Safety {
-    /// Of numbers of frames with their cost, beside a start whose frames cost `start` in that unit. `None`
-    /// without frames, or where the start has no cost above 0.
+    /// Of frames and costs beside a start's cost in that unit. `None` without either.
     pub fn of(costs: impl IntoIterator<Item = (u32, f64)>, start: f64) -> Option<Self> {
         let mut safety = Self { frames: 0, dear: 0, worst: 0.0 };
         for (frames, cost) in costs {

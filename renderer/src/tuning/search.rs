@@ -67,8 +67,7 @@ impl Iteration {
         }
     }
 
-    /// The frames that it showed, where each trial has `frames` unless it says otherwise; 0 where it was
-    /// stopped, could not be built, or its frame was known.
+    /// The frames that it showed, `frames` unless it says otherwise; 0 where none was rendered whole.
     pub fn frames(&self, frames: u32) -> u32 {
         self.times.map_or(0, |times| times.frames.unwrap_or(frames))
     }
@@ -112,8 +111,7 @@ impl SearchSetting {
 pub struct SearchOutcome {
     /// Every frame.
     pub trials: Vec<Iteration>,
-    /// Median cost of the baseline in frames before and after the search, which are not reported. Costs
-    /// within the search are compared with it, because the machine's speed may drift until the final rounds.
+    /// Median cost of the baseline before and after the search, which its costs are compared with.
     pub reference_ms: f64,
     /// The other work of the machine meanwhile, and the spread of these frames of the baseline.
     pub disturbance: Disturbance,
@@ -149,8 +147,7 @@ const REUSE_FROM_FRAMES_PER_BUILD: u32 = 16;
 /// Frames that follow a slow build may take this share of it.
 const FRAMES_SHARE_OF_BUILD: f64 = 0.1;
 
-/// Runs `iterations` iterations, fewer if `on_iteration` says no after one of them. The last report is on its
-/// way when this returns, not necessarily acknowledged.
+/// Runs iterations until `on_iteration` says no. The last report may not be acknowledged yet.
 pub fn run(
     renderer: &mut Renderer,
     tuner: &mut dyn NextTrial,
@@ -159,8 +156,7 @@ pub fn run(
     on_iteration: impl FnMut(&Iteration) -> bool,
 ) -> Result<SearchOutcome, ClientError> {
     let mut film = Film::new(setting.width, setting.height);
-    // The first frame of a process is slower than all others: memory is touched for the first time, threads
-    // start, clocks rise. So some are rendered before anything counts.
+    // First frames are slower: memory is touched, threads start, clocks rise. So some do not count.
     reference(renderer, setting, &mut film);
     let watch = Watch::begin();
     let mut references = reference(renderer, setting, &mut film);
@@ -224,8 +220,7 @@ fn reference(renderer: &mut Renderer, setting: &SearchSetting, film: &mut Film) 
         .collect()
 }
 
-/// Builds and renders one trial. The sample number is fixed, so that all trials trace equal rays. The trial
-/// is stopped once it is known to cost more than `cap_ms`, but for the build, which Embree finishes.
+/// Builds and renders one trial of a fixed sample, stopped beyond `cap_ms` but for the build.
 pub fn trial(
     renderer: &mut Renderer,
     configuration: &Configuration,

@@ -103,8 +103,7 @@ pub fn rivals(space: &TuningSpace, premises: &Premises, start: &Start) -> Vec<Ri
     all
 }
 
-/// The recommendation for many frames, where a tree serves some. It is a rival beside the recommendation for
-/// one frame, at which the search begins.
+/// The recommendation for many frames, a rival where a tree serves some.
 pub fn for_stills(objective: Objective, space: &TuningSpace, premises: &Premises) -> Option<Rival> {
     let is_asked = matches!(objective, Objective::Auto(_)) && space.preset() == Preset::Full;
     let stills = TuningSpace::new(Preset::Full, &Premises { builds_each_frame: false, ..*premises });
@@ -113,8 +112,7 @@ pub fn for_stills(objective: Objective, space: &TuningSpace, premises: &Premises
     Some(Rival { contender, configuration: Some(configuration) })
 }
 
-/// The rivals of light sampling: Embree's default and the recommended tree, both with the renderer's own
-/// constants, and the recommendation for all scenes.
+/// The rivals of light sampling: two trees with the renderer's constants, and the recommendation.
 fn light_rivals(space: &TuningSpace, start: &Start) -> Vec<Rival> {
     let own = |name, choice| Rival { contender: named(name, choice), configuration: None };
     let untuned = Choice { light: LightSampling::default(), ..space.default_choice() };
@@ -125,8 +123,7 @@ fn light_rivals(space: &TuningSpace, start: &Start) -> Vec<Rival> {
     ]
 }
 
-/// The rivals of ways to follow: Embree's structures rebuilt for each frame, path by path; Embree used well,
-/// rebuilt or fitted; and the recommendation for all scenes.
+/// The rivals of ways to follow: Embree rebuilt, path by path or well, or fitted; the recommendation.
 fn follow_rivals(space: &TuningSpace, start: &Start) -> Vec<Rival> {
     let [_, low, default, _] = natives().map(|contender| Rival { contender, configuration: None });
     let qualities = [NativeQuality::Low, NativeQuality::Medium];
@@ -145,14 +142,12 @@ fn own_start(space: &TuningSpace, start: &Start) -> Rival {
     Rival { contender: named(who, space.default_choice()), configuration }
 }
 
-/// Whether a user who begins at `start` has a rival without any search. A user who does not begin at the
-/// recommended configuration does not know it, nor how to use native Embree well.
+/// Whether a user who begins at `start` has a rival without any search.
 pub fn is_had(rival: &Who, start: &Start) -> bool {
     *start == Start::Recommended || !rival.takes_knowledge()
 }
 
-/// Makes one standing of the variants of native Embree used well: the fastest of them and of Embree's
-/// default, path by path, which stays in the table as well. Changes nothing where no variant ran.
+/// Makes one standing of native use: the fastest variant that ran or Embree's default, which stays.
 pub fn keep_best_native(mut standings: Vec<Standing>) -> Vec<Standing> {
     let is_variant = |one: &Standing| matches!(one.who, Who::UsedWellIn(_));
     if let Some(first) = standings.iter().position(is_variant) {

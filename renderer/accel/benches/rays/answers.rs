@@ -24,8 +24,7 @@ fn answers(intersector: &dyn Intersector, packets: Packets, set: &RaySet) -> Vec
     }
 }
 
-/// Whether one of two answers is a hit and the other a miss, or at another distance. Which of several
-/// triangles at one distance is hit is left open.
+/// Whether one answer is a miss or at another distance. Which triangle at one distance is open.
 fn differ(this: Answer, that: Answer) -> bool {
     match (this, that) {
         (Some((t, triangle)), Some((other, others))) => {
@@ -37,8 +36,7 @@ fn differ(this: Answer, that: Answer) -> bool {
     }
 }
 
-/// Checks every structure on every set, in every packing it has of its own: robust ones against native
-/// Embree's robust one, since between others rays slip through that robust structures hold.
+/// Checks every structure in every packing, robust ones against native Embree's robust one.
 pub(crate) fn check(recording: &Recording, contenders: &[Built]) -> Result<(), String> {
     for built in contenders {
         let is_reference = |one: &&Built| one.maker == Maker::Native && one.robust == built.robust;

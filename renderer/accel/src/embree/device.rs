@@ -128,8 +128,7 @@ impl Device {
         Self::new(self.inner.threads, "", MemoryMonitor::new(isize::try_from(bytes).unwrap_or(isize::MAX)))
     }
 
-    /// The device for native scenes of these options: this one, or one beside it with further options. Of the
-    /// latter the latest [`DEVICES_MAX`] are kept; others live as long as their scenes.
+    /// The device for native scenes of these options, kept if it is among the latest [`DEVICES_MAX`].
     pub(crate) fn suited(&self, options: &NativeOptions) -> Result<Self, BuildError> {
         options.check()?;
         let further = options.device_options();
@@ -241,8 +240,7 @@ unsafe extern "C" fn on_error(_user: *mut c_void, _code: c_uint, text: *const c_
     });
 }
 
-/// `RTCMemoryMonitorFunction`: called before memory is taken (`after` false) or once it is taken or given
-/// back. Answering no makes the call that wanted it fail with "out of memory".
+/// `RTCMemoryMonitorFunction`: no, before memory is taken, makes that call fail with "out of memory".
 unsafe extern "C" fn on_memory_change(user: *mut c_void, bytes: isize, after: bool) -> bool {
     // SAFETY: `user` is the device's `MemoryMonitor`.
     let memory = unsafe { &*user.cast::<MemoryMonitor>() };

@@ -144,8 +144,7 @@ const _: () = {
 };
 
 unsafe extern "C" {
-    /// `rtcGetDeviceError` with a plain integer: the error of the calling thread, which is cleared.
-    /// A null device asks for the error of a failed `rtcNewDevice`.
+    /// `rtcGetDeviceError` as an integer: the thread's error, cleared; null for a failed `rtcNewDevice`.
     #[link_name = "rtcGetDeviceError"]
     pub(crate) fn rtc_get_device_error(device: RTCDevice) -> c_uint;
 
@@ -173,8 +172,7 @@ unsafe extern "C" {
 /// `RTCFilterFunctionN`.
 pub(crate) type Filter = Option<unsafe extern "C" fn(*const FilterArguments)>;
 
-/// `RTCFilterFunctionNArguments`: equal in 4.2 and 4.4. Rays and hits are `count` numbers a field, the fields
-/// in the order of [`RtcRay`] and [`RtcHit`].
+/// `RTCFilterFunctionNArguments`: rays and hits are `count` numbers a field, as [`RtcRay`], [`RtcHit`].
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct FilterArguments {

@@ -26,8 +26,7 @@ pub(super) unsafe fn set_masks(geometry: ffi::RTCGeometry, triangles: *const Tri
     }
 }
 
-/// `RTCFilterFunctionN`: takes back the hits where a mask lets the ray through. It cannot panic on what
-/// Embree hands over: primitives are numbers of triangles.
+/// `RTCFilterFunctionN`: takes hits back where a mask lets the ray through. It cannot panic.
 unsafe extern "C" fn keep_solid(arguments: *const ffi::FilterArguments) {
     // SAFETY: Embree hands over `count` rays and hits, field by field, and what `set_masks` gave it.
     let (triangles, rays, primitives, valid) = unsafe {

@@ -21,8 +21,7 @@ pub struct NativeScene {
     refits: bool,
     /// The scene reads these vertices and lives on this device: both must outlive it.
     triangles: Arc<Triangles>,
-    /// The scene reads these indices. A refit takes new vertices but keeps the indices it was built with,
-    /// even where the new triangles bring an equal copy.
+    /// The scene reads these indices, even where new triangles bring an equal copy.
     _indexed: Arc<Triangles>,
     device: Device,
 }

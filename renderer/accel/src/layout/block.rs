@@ -37,8 +37,7 @@ impl<const B: usize> Block<B> {
         }
     }
 
-    /// Fetches its triangles from where they are now, with the masks they have now. Gives the corners of the
-    /// box around them, and how many they are.
+    /// Fetches its triangles and masks as they are now. Gives the corners around them, and how many.
     pub(crate) fn fit(&mut self, triangles: &Triangles, watertight: bool) -> (Vec3A, Vec3A, usize) {
         let (mut lower, mut upper, mut count) = (Vec3A::INFINITY, Vec3A::NEG_INFINITY, 0);
         // Lanes in use come first.

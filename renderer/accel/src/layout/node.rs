@@ -27,8 +27,7 @@ pub(crate) trait TreeNode: Copy + Send + Sync + 'static {
     /// Bounds of one child in use, as rays meet them: they contain what [`TreeNode::set_bounds`] was given.
     fn child_bounds(&self, child: usize) -> Bounds;
 
-    /// A node of these children, at most [`TreeNode::WIDTH`]. Shadow rays go to the last child first,
-    /// so the smallest or likeliest to end them belongs there.
+    /// A node of these children. Shadow rays go to the last first: the likeliest to end them belongs there.
     fn new(children: &[(Bounds, NodeRef)]) -> Self {
         assert!(children.len() <= Self::WIDTH, "a node holds {} children", Self::WIDTH);
         let mut node = Self::EMPTY;

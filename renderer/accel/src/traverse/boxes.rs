@@ -60,8 +60,7 @@ pub(super) unsafe fn times<L: Lanes>(planes: [L; 2], reciprocal: L, origin: L) -
     planes.map(|plane| plane.mul_sub(reciprocal, origin))
 }
 
-/// Smallest divisor: zero and nearly zero components become this, which keeps every product finite and
-/// free of NaN for coordinates up to `COORDINATE_MAX`.
+/// Divisor in place of nearly zero components, for finite products of coordinates in range.
 pub(super) const DIVISOR_MIN: f32 = 1e-18;
 
 #[inline(always)]
@@ -137,8 +136,7 @@ impl<L: Order, N: Planes> Boxes<N> for PaddedBoxes<L> {
     #[inline(always)]
     unsafe fn new(root: &Root, ray: &Ray) -> Self {
         let (lower, upper) = (glam::Vec3::from(root.bounds.lower), glam::Vec3::from(root.bounds.upper));
-        // No coordinate relative to the origin is larger than this; eight units of its last place cover
-        // the two roundings of translation and shear and those of the differences below.
+        // Eight units of the last place of the reach cover all roundings.
         let reach = (lower - ray.origin).abs().max((upper - ray.origin).abs()).max_element();
         let pad = glam::Vec3::splat(reach * (4.0 * f32::EPSILON));
         let reciprocal = safe_reciprocals(ray.direction);

@@ -86,8 +86,7 @@ impl Isa {
     }
 }
 
-/// Loops that are worth compiling for each instruction set. Results do not depend on which one runs: no
-/// operation is fused or reordered that the source does not fuse or reorder.
+/// Loops worth compiling for each instruction set, with equal results: nothing is fused or reordered.
 pub trait Work {
     /// The result of the loop.
     type Output;

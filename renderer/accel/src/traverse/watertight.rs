@@ -73,8 +73,7 @@ impl<L: Lanes> Sheared<L> {
     }
 }
 
-/// The three edge values where single precision says zero: double precision has room for the exact
-/// products, so that only true zeros remain. Rare, hence out of the way.
+/// The three edge values where single precision says zero; double has room for the exact products.
 #[cold]
 #[inline(never)]
 fn in_double(corners: [[[f32; 16]; 2]; 3]) -> [[f32; 16]; 3] {

@@ -8,12 +8,10 @@ use crate::error::BuildError;
 /// Cache lines: nodes start on one.
 const LINE: usize = 64;
 
-/// A huge page. Blocks of at least this size start on one and ask the kernel for them. A ray touches nodes
-/// all over the tree, and with small pages most of them would also miss the page table cache.
+/// A huge page. Larger blocks start on one: with small pages most nodes miss the page table cache.
 const HUGE_PAGE: usize = 2 << 20;
 
-/// One block of memory, aligned to cache lines. It is not zeroed, which one thread would do before the kernel
-/// knows of huge pages. Every byte is written before it is read.
+/// A block of memory, aligned to cache lines and not zeroed. Every byte is written before it is read.
 #[derive(Debug)]
 pub(super) struct Arena {
     start: NonNull<u8>,

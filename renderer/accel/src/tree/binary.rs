@@ -229,8 +229,7 @@ impl Subtree for Halves<'_> {
     }
 }
 
-/// Writes a subtree down. The nodes below it go into `below`, whose first place has the number `first`;
-/// `node` is the number it will have itself. Recursion is as deep as the tree.
+/// Writes a subtree down: `node` is its number, the nodes below go into `below` from number `first` on.
 fn write<S: Subtree>(
     subtree: S,
     node: usize,

@@ -142,8 +142,7 @@ fn collapsed(mut tree: BinaryTree, parameters: &TreeParameters) -> Plan {
     }
 }
 
-/// The binary tree of single boxes, those of `triangles` where the builder splits, that Embree's builder
-/// sketches with these parameters, which ask for one.
+/// The binary tree of single boxes (of `triangles` where it splits) that Embree's builder sketches.
 fn sketched(
     device: &Device,
     triangles: &Triangles,

@@ -180,8 +180,7 @@ thread_local! {
         const { UnsafeCell::new(LastCut { key: (0, 0, 0), cutter: Cutter::NONE }) };
 }
 
-/// `RTCSplitPrimitiveFunction`, compiled for the instruction set it is chosen for: the vector selections of
-/// [`Cutter`] are one instruction each with AVX-512, three with AVX2. Nothing in it can panic.
+/// `RTCSplitPrimitiveFunction` for an instruction set. Nothing in it can panic.
 macro_rules! split_primitive {
     ($(#[$feature:meta])* $name:ident) => {
         // SAFETY: Embree hands back our context, our primitive and two boxes; the processor has the features.
@@ -194,8 +193,7 @@ macro_rules! split_primitive {
             right: *mut ffi::RTCBounds,
             user: *mut c_void,
         ) {
-            // SAFETY: as above; `primID` is the number of a triangle, whose indices are in range; the last
-            // cut is this thread's alone, and no reference to it leaves this function.
+            // SAFETY: as above; `primID` is a triangle's number; the last cut is this thread's alone.
             unsafe {
                 let context = &*user.cast::<Context<'_>>();
                 // Corner, geometry number, corner, triangle number: a box in which the numbers do no harm.

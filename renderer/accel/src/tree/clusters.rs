@@ -36,8 +36,7 @@ pub(super) struct Cluster {
     pub(super) cost: f32,
 }
 
-/// A stack of clusters in their order along the curve. A part works on the clusters at its top; below wait
-/// those of the parts before it. Behind the last there are always [`LANES`] and a radius of free places.
+/// A stack of clusters along the curve, a part's at its top; behind are [`LANES`] and a radius of places.
 pub(super) struct Clusters {
     lower: [Vec<f32>; 3],
     upper: [Vec<f32>; 3],

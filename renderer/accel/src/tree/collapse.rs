@@ -172,8 +172,7 @@ pub(super) fn collapse<const W: usize>(tree: &BinaryTree, parameters: &TreeParam
     plan
 }
 
-/// Costs of a node and what to do with it; the decisions for the nodes below it, which follow number `first`,
-/// go into `below`. Costs are kept for one task's part of the tree only: they are eight times as large.
+/// Costs of a node and what to do with it; decisions for nodes from number `first` on go into `below`.
 fn solve<const W: usize>(
     tree: &BinaryTree,
     model: &Model,

@@ -38,8 +38,7 @@ struct Emitter<'a> {
     per_task: u32,
     slab: usize,
     slabs: Mutex<Vec<Arena>>,
-    /// The rest of the slabs of ended tasks, for the next ones. A fresh slab for each task would stay mostly
-    /// empty, and the kernel zeroes all of it.
+    /// The rest of the slabs of ended tasks, for the next ones: the kernel zeroes every fresh one.
     rooms: Mutex<Vec<Room>>,
 }
 

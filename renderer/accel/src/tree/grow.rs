@@ -100,8 +100,7 @@ pub(super) unsafe fn grow(
         buildProgress: None,
         userPtr: (&raw const context).cast_mut().cast(),
     };
-    // SAFETY: the arguments are valid and checked to lie where the builders are well behaved; the
-    // caller vouches for the callbacks; context and primitives outlive the call.
+    // SAFETY: the arguments are valid; the caller vouches for callbacks; all outlive the call.
     let root = unsafe { ffi::rtcBuildBVH(&raw const arguments) };
     let outcome = memory.device.check();
     if context.panicked.load(Ordering::Relaxed) {
@@ -123,8 +122,7 @@ pub(super) unsafe fn grow(
     }
 }
 
-/// The boxes to build over, with spare room behind them where the builder splits. Coordinates must be finite:
-/// a NaN here would spoil other nodes without an error.
+/// The finite boxes to build over, with spare room behind them where the builder splits.
 pub(super) fn references(
     count: usize,
     parameters: &TreeParameters,

@@ -114,8 +114,7 @@ fn spread(value: u32) -> u32 {
     (value | value << 2) & 0x4924_9249
 }
 
-/// Sorts by code keys whose codes differ only below a place; those with one code stay as they were. `bits` is
-/// the number of bits that may differ, and `room` is as long as the keys.
+/// Sorts keys, stably, whose codes differ in the lowest `bits` only; `room` is as long as the keys.
 fn sort(keys: &mut [Key], room: &mut [Key], bits: u32) {
     if keys.len() < COUNTED_MIN {
         keys.sort_unstable();

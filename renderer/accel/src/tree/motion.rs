@@ -69,8 +69,7 @@ enum Below {
     Subtree(usize),
 }
 
-// SAFETY: the references lead into the tree that owns this and its grafts; they are followed by
-// `Tree::update` alone, which has that tree to itself.
+// SAFETY: the references are followed by `Tree::update` alone, which has the tree to itself.
 unsafe impl Send for Motion {}
 // SAFETY: as above.
 unsafe impl Sync for Motion {}

@@ -33,8 +33,7 @@ impl Prospect {
 
     /// Of a leaf with blocks of triangles of such an area in a box of such half an area.
     pub(super) fn leaf(blocks: usize, area: f32, half_area: f32, parameters: &TreeParameters) -> Self {
-        // Close to the probability for independent crossings, `1 - exp(-crossings / 2)`, and equal on every
-        // machine. A box without area of its own is as good as full.
+        // Close to `1 - exp(-crossings / 2)`, and equal on every machine. A box without area is full.
         let blocked = if half_area > 0.0 { area / (area + 2.0 * half_area) } else { 1.0 };
         Self { blocked, cost: parameters.intersection_cost * blocks as f32 }
     }

@@ -76,8 +76,7 @@ impl Plan {
         }
     }
 
-    /// Grows the tree level by level from `root`. `open` either adds a leaf for its argument and returns it,
-    /// or lists the children of a node. They stay in the order of that list.
+    /// Grows the tree by levels. `open` adds and returns a leaf, or lists a node's children in order.
     pub(super) fn grow<T: Copy>(
         &mut self,
         root: (Bounds, T),

@@ -293,8 +293,7 @@ impl Ploc {
         }
     }
 
-    /// The children of a wide node made of `link`, which is no leaf: in place of the largest come its halves,
-    /// as long as there is room for `width`. They stay in their order along the curve.
+    /// The children of a wide node of `link`: halves replace the largest while there is room for `width`.
     pub(super) fn children(&self, link: ClusterLink, width: usize, found: &mut Vec<(Bounds, ClusterLink)>) {
         /// The area of clusters that are not opened.
         const CLOSED: f64 = f64::NEG_INFINITY;

@@ -11,8 +11,7 @@ use rayon::prelude::*;
 
 use super::binary::{BinaryNode, BinaryTree, half_area};
 
-/// In the first passes one node of this number looks for a better place. Measured: four such passes bring
-/// nine tenths of the gain of any number.
+/// In the first passes one node of this number looks for a better place; four such nearly suffice.
 const EARLY_SHARE: usize = 32;
 
 const EARLY_PASSES: u32 = 4;
@@ -23,8 +22,7 @@ const LATE_SHARE: usize = 8;
 /// Fewest searches that are worth a task of their own.
 const SEARCHES_PER_TASK: usize = 256;
 
-/// Most nodes that a search looks below. Where everything overlaps no part of the tree can be ruled out, and
-/// a search without this bound looks at all of it: the passes would take quadratic time.
+/// Most nodes that a search looks below: where everything overlaps, passes would be quadratic.
 const LOOKED_BELOW_MAX: usize = 1024;
 
 /// A node that should become the sibling of another.
@@ -169,8 +167,7 @@ fn search(tree: &BinaryTree, node: usize, stack: &mut Vec<(f32, usize)>) -> (Opt
     ((best.gain > 0.0).then_some(best), looked)
 }
 
-/// Makes `node` the sibling of `sibling`, unless an earlier move of the pass changed what lies at one of the
-/// numbers involved, or the tree would not become cheaper.
+/// Makes `node` the sibling of `sibling`, unless an earlier move interferes or nothing is gained.
 fn carry_out(tree: &mut BinaryTree, node: usize, sibling: usize, touched: &mut [bool]) {
     let (old_sibling, parent) = (node ^ 1, tree.parent(node));
     let involved = [node, sibling, old_sibling, parent];

@@ -5,8 +5,7 @@
 
 use glam::{BVec3A, Vec3A};
 
-/// A box in vector registers: this runs for every triangle and every plane a builder considers. Laid out
-/// like Embree's boxes, whose corners are followed by one word that is no coordinate.
+/// A box in vector registers, laid out like Embree's boxes: a spare word follows each corner.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[repr(C)]
 pub(crate) struct Piece {
@@ -125,8 +124,7 @@ impl Cutter {
         }
     }
 
-    /// Boxes of the parts below and above the plane at `position`, both inside `within`, the box of the piece
-    /// being cut. A side without any part gets an inverted box, so that the builder leaves the piece whole.
+    /// Boxes inside `within` below and above the plane at `position`; inverted where there is no part.
     #[inline(always)]
     pub(crate) fn cut(&self, within: &Piece, position: f32) -> (Piece, Piece) {
         let Self { low, middle, high, axis, .. } = *self;

@@ -17,8 +17,7 @@ pub struct TreeStatistics {
     pub triangle_references: usize,
     /// Bytes of nodes and leaves, without the slack of the allocator.
     pub bytes: usize,
-    /// Expected cost of a random ray that hits the root's box, after MacDonald and Booth (1990): one for
-    /// every node visited and one for every triangle tested, each with the probability that its box is hit.
+    /// Expected nodes visited and triangles tested by a ray that hits the root (MacDonald and Booth, 1990).
     pub sah_cost: f64,
 }
 

@@ -73,8 +73,7 @@ impl TwoLevel {
             .collect()
     }
 
-    /// Updates the trees of objects that move, then the upper level; see
-    /// [`Structure::update`](crate::Structure::update). Objects that nothing places stay empty.
+    /// Updates objects that move, then the upper level; see [`Structure::update`](crate::Structure::update).
     pub(crate) fn update(
         &mut self,
         device: &Device,
@@ -104,8 +103,7 @@ impl TwoLevel {
         if is_fitted { outcome } else { self.join().and(outcome) }
     }
 
-    /// Sums over both levels. The cost is that of the whole: the upper level's nodes, and below each instance
-    /// that of its tree with the probability that its box is hit.
+    /// Sums over both levels; each instance's tree counts with the probability that its box is hit.
     pub fn statistics(&self) -> TreeStatistics {
         let mut sum = TreeStatistics { bytes: self.level.bytes(), ..TreeStatistics::default() };
         let of_trees: Vec<TreeStatistics> = self.objects.iter().map(Tree::statistics).collect();

@@ -51,8 +51,7 @@ pub enum TreeFault {
 }
 
 impl Tree {
-    /// Checks that boxes contain their children, that every triangle is found in exactly one leaf (at least
-    /// one where the builder splits) whose box covers it, and that depth and leaf sizes keep their limits.
+    /// Checks boxes, triangles' leaves (one, or more where the builder splits), depth and leaf sizes.
     pub fn validate(&self) -> Result<(), TreeFault> {
         let mut fault = None;
         let mut leaves_of = vec![0u32; self.root.triangles.len()];

@@ -3,8 +3,7 @@
 use super::Tree;
 use crate::layout::{Block, Bounds, NodeRef, Root, TreeNode, for_block, for_node};
 
-/// A node or leaf met on the walk. `bounds` is its box in the parent; the root has depth 0. `reach` is the
-/// part inside all boxes on the way, where a ray can meet the leaf.
+/// A node or leaf with its box in the parent; `reach` is what of it lies inside all boxes on the way.
 pub(crate) enum Met<'a> {
     Node { bounds: Bounds, depth: u32, bytes: usize, children: &'a [Bounds] },
     Leaf { bounds: Bounds, reach: Bounds, depth: u32, bytes: usize, numbers: &'a [u32] },

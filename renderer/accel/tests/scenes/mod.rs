@@ -150,8 +150,7 @@ pub(crate) fn same_distance(expected: Option<Hit>, found: Option<Hit>, tolerance
     }
 }
 
-/// Whether rounding may decide about the ray where objects move or are placed. Ways into an object's space
-/// and back round at the magnitude of everything on the way.
+/// Whether rounding may decide about the ray where objects move or are placed.
 pub(crate) fn is_close_call([a, b, c]: [Vec3A; 3], ray: &Ray, hit: &Hit) -> bool {
     let [a, b, c] = [a, b, c].map(Vec3A::as_dvec3);
     let (origin, direction) = (ray.origin.as_dvec3(), ray.direction.as_dvec3());

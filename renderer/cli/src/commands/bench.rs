@@ -223,8 +223,7 @@ fn builds_table(builds: &[Builds<'_>]) -> Table {
 /// The objectives for which frames of one run of rounds are shown.
 const OBJECTIVES: [Objective; 2] = [Objective::Render, Objective::Total];
 
-/// The standings for an objective: of native Embree used well the way that is best there, and of the two
-/// best fixed configurations its own as the one.
+/// The standings for an objective, with the best native use and its own best fixed configuration.
 fn ranked(measured: &[Measured], objective: Objective) -> Vec<Standing> {
     let mut standings = keep_best_native(standings(measured, objective.frames_per_build()));
     for one in &mut standings {

@@ -250,8 +250,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
     if interrupt.requested() { Err(CliError::Interrupted) } else { Ok(()) }
 }
 
-/// The study of a flight. Where a structure is fitted to what moves, its build costs another time than that
-/// tree in that state of a scene at rest. Such flights have a study of their own.
+/// The study of a flight; one whose structure follows motion has a study of its own.
 fn study_of_flight(objective: Objective, space: &TuningSpace, start: &Start, moves: bool) -> String {
     let fits = moves && space.preset() == Preset::Full;
     study_id(objective, space) + if fits { "-moving" } else { "" } + &start.mark(space)
@@ -333,8 +332,7 @@ impl Flight {
         }
     }
 
-    /// Builds unless the kept structure serves, and returns whether it did. Configurations that differ only
-    /// in render options share a structure where frames do.
+    /// Builds unless the kept structure serves, and returns whether it did.
     fn make_ready(&mut self, configuration: &Configuration) -> Result<bool, Outcome> {
         let choice = self.space.choice(configuration).map_err(|error| Outcome::failed(error.to_string()))?;
         if let Some(kept) = &mut self.kept
@@ -365,8 +363,7 @@ impl Flight {
         Ok(())
     }
 
-    /// Brings the structure to another moment. A structure of another choice is first rebuilt over the moment
-    /// before, so that only the update is timed.
+    /// Brings the structure to another moment; one of another choice is rebuilt first, untimed.
     fn follow(&mut self, scene: Arc<Scene>, choice: &Choice) -> Result<f64, BuildError> {
         let mut update = match self.space.preset() {
             Preset::Full => Update::partial(Update::REBUILD_THRESHOLD),

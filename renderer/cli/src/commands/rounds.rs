@@ -81,8 +81,7 @@ pub(super) fn measure(
     })
 }
 
-/// All contenders in rounds, of which a second process runs half; and a watch over this process's. Where
-/// there is no second one, all rounds run here, and a note says so.
+/// All contenders in rounds, half of them by a second process where there is one; and a watch here.
 pub(super) fn in_two_processes(
     renderer: &mut Renderer,
     contenders: &[Contender],

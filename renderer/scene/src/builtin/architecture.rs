@@ -6,8 +6,7 @@ use glam::{Vec2, Vec3};
 
 use crate::shapes::Shapes;
 
-/// The plane of a wall: a lower left corner seen from the front, the directions to the right and to the
-/// front (both horizontal unit vectors), and how thick the wall is behind that plane.
+/// A wall's lower left corner, directions to the right and to the front, and thickness behind.
 #[derive(Clone, Copy)]
 pub(super) struct WallPlane {
     pub(super) corner: Vec3,
@@ -39,8 +38,7 @@ pub(super) struct Opening {
     pub(super) spring: f32,
 }
 
-/// A rectangular piece of wall with one arched opening; `size` is width and height, and the arch must fit.
-/// Its outer narrow sides are left open, for neighbours to join.
+/// A piece of wall of `size` with one arched opening that fits; the outer narrow sides are open.
 pub(super) fn arched_wall(
     shapes: &mut Shapes,
     plane: &WallPlane,

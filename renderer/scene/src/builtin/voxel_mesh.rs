@@ -66,8 +66,7 @@ impl Grid {
         }
     }
 
-    /// The visible faces of the cubes from `low` up to `high`, one part for each kind that has any. The sides
-    /// and the underside of the world are left away where it ends.
+    /// The visible faces of the cubes from `low` up to `high`, a part a kind, without the world's ends.
     pub(super) fn surface(&self, low: IVec3, high: IVec3) -> Vec<(u8, Part)> {
         let mut parts: Vec<Option<Part>> = vec![None; 256];
         for axis in 0..3 {

@@ -119,8 +119,7 @@ impl Order for Sixteen {
             _mm512_storeu_si512(nodes.cast(), pick(_mm512_cvtepu32_epi64(first)));
             return;
         }
-        // Two sorted halves, one of them turned round, are one step from a larger and a smaller half, each
-        // of which three more steps sort (a bitonic merge).
+        // Two sorted halves, one turned round, are four steps from sorted (a bitonic merge).
         let second = sort_eight(_mm512_extracti64x4_epi64::<1>(met));
         let turned = _mm256_permutexvar_epi32(_mm256_setr_epi32(7, 6, 5, 4, 3, 2, 1, 0), second);
         let halves = [_mm256_max_epi32(first, turned), _mm256_min_epi32(first, turned)];

@@ -109,8 +109,7 @@ impl Bundle {
         }
     }
 
-    /// The rays in another space, given by rows of three factors and a translation: the operations of
-    /// [`crate::traverse::placed::moved`] in their order.
+    /// The rays in another space, by the operations of [`crate::traverse::placed::moved`] in their order.
     #[inline(always)]
     pub(crate) unsafe fn moved<L: Lanes>(&self, rows: &[[f32; 4]; 3]) -> Self {
         let (origins, directions) = (self.origins::<L>(), self.directions::<L>());
