@@ -51,11 +51,9 @@ impl Times {
         (sooner_ms > 0.0 && dearer_ms.is_finite()).then(|| (dearer_ms / sooner_ms).max(0.0))
     }
 
-    /// The time of `frames` frames where nobody knows how many they will be, in milliseconds: the first ones
-    /// run with this structure, the others with `better`. On the same cores that is built after
-    /// [`Times::break_even`] frames, as whoever hires skis buys them at last (Karlin, Manasse, Rudolph and
-    /// Sleator, "Competitive snoopy caching", Algorithmica 3, 1988). With a `better` that builds no faster,
-    /// this takes at most twice as long as with the number known.
+    /// Milliseconds of `frames` frames of an unknown number: `better` is built on the same cores after
+    /// [`Times::break_even`] of them (Karlin, Manasse, Rudolph and Sleator, "Competitive snoopy caching",
+    /// 1988). If it builds no faster, this takes at most twice as long as with the number known.
     pub fn swapped_ms(self, better: Self, frames: u32, behind: Behind) -> f64 {
         let Some(break_even) = self.break_even(better) else { return self.serves_ms(frames) };
         if break_even == 0.0 {

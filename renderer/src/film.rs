@@ -10,9 +10,8 @@ const BLOCK: u32 = 32;
 
 const BLOCK_PIXELS: usize = (BLOCK * BLOCK) as usize;
 
-/// Accumulated samples. Pixels lie in blocks of 32 × 32, in each along Morton's curve. So every square tile
-/// whose edge is a power of two up to 32 is one run of memory, and each thread can be handed its own. The
-/// rays of a square of 4 × 4 pixels make the most coherent packets.
+/// Accumulated samples, in blocks of 32 × 32 along Morton's curve: every square tile is one run of memory for
+/// one thread, and 4 × 4 pixels make the most coherent packets.
 #[derive(Clone, Debug)]
 pub struct Film {
     width: u32,

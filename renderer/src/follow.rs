@@ -219,12 +219,8 @@ impl Renderer {
         self.moments.len()
     }
 
-    /// The effect of an episode on a structure of the kind of `choice`. It has the share of triangles that
-    /// move from its first frame to its second. It also has the cost of a refitted tree at its end over that
-    /// of a fresh one, by the surface area heuristic. `None` where there is no episode or no tree of ours.
-    ///
-    /// # Errors
-    /// The structure cannot be built.
+    /// The effect of an episode on a structure of the kind of `choice`: the share of triangles that move in a
+    /// frame, and a refitted tree's cost at the end over a fresh one's. `None` without an episode or a tree.
     pub fn motion(&mut self, choice: &Choice) -> Result<Option<MotionFacts>, BuildError> {
         let [first, .., last] = self.moments.as_slice() else {
             return Ok(None);

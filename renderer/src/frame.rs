@@ -347,9 +347,8 @@ impl Renderer {
         self.make_ready(choice, false).map(|ready| ready.build_ms)
     }
 
-    /// Makes ready for a trial: builds a structure and keeps it for the frames to come, like
-    /// [`Self::rebuild`]. With `reuse`, one that is there already serves again, a few times. If the build
-    /// fails, the last good structure is kept.
+    /// Makes ready for a trial, like [`Self::rebuild`]. With `reuse`, a structure that is there already
+    /// serves again, a few times.
     pub fn make_ready(&mut self, choice: &BuildChoice, reuse: bool) -> Result<Ready, BuildError> {
         if reuse
             && let Some(current) = &mut self.current
@@ -374,9 +373,8 @@ impl Renderer {
         Ok(ready)
     }
 
-    /// Brings a structure that was built over another moment of the scene to this one; returns `build_ms`. It
-    /// must have as many triangles, and instances of its objects. After an error it can still be used, as it
-    /// was or refitted.
+    /// Brings a structure of another moment, with as many triangles and instances, to this one; returns
+    /// `build_ms`. After an error it is as it was or refitted.
     pub fn follow(&self, structure: &mut Structure, update: Update) -> Result<f64, BuildError> {
         let begin = Instant::now();
         let scene = &self.prepared.scene;
@@ -385,10 +383,8 @@ impl Renderer {
         Ok(milliseconds(begin))
     }
 
-    /// Moves on to another moment of the scene and brings the kept structure along. Returns `build_ms`, the
-    /// time for the structure. A structure of another choice, over another number of triangles or over
-    /// instances of other objects is rebuilt under every `update`. If that fails, the structure is that of
-    /// the moment before, or there is none where it would not fit.
+    /// Moves on to another moment and brings the kept structure along; returns `build_ms`. One that does not
+    /// fit the choice or the scene is rebuilt. If that fails, the structure is the former one, or none.
     pub fn animate(
         &mut self,
         scene: Arc<Scene>,

@@ -45,9 +45,8 @@ pub struct Conditions {
     pub height: u32,
     /// Measurements of each contender.
     pub rounds: u32,
-    /// The number of frames that share a build. With 1 each frame has its build, as in real-time rendering.
-    /// Otherwise each structure is rebuilt for each round too, as far as a minute goes, because equal
-    /// configurations differ from build to build.
+    /// The number of frames that share a build. Structures are rebuilt for each round all the same, as far as
+    /// a minute goes, because equal configurations differ from build to build.
     pub frames_per_build: u32,
     /// The measured quantity.
     pub yardstick: Yardstick,

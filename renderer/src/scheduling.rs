@@ -55,9 +55,8 @@ pub struct ThreadTimes {
 }
 
 impl ThreadTimes {
-    /// The times of work that `threads` threads shared and that took `wall_ms` by the clock on the wall:
-    /// together they had no more time than that to wait in. A delay beyond it is that of other threads, or of
-    /// two that waited for each other's place.
+    /// The times of work that `threads` threads shared within `wall_ms`, beyond which they cannot have
+    /// waited.
     #[must_use]
     pub fn shared_by(self, threads: usize, wall_ms: f64) -> Self {
         let most_ms = (threads.max(1) as f64 * wall_ms - self.cpu_ms).max(0.0);
@@ -73,9 +72,8 @@ pub fn of_process<R>(work: impl FnOnce() -> R) -> (R, ThreadTimes) {
     (result, ThreadTimes { cpu_ms: process_cpu_ms() - cpu_before_ms, delay_ms })
 }
 
-/// Wall time of some work if none of its threads had ever waited for a processor. It is the wall time, times
-/// the share of the time of readiness in which its threads had a processor. That is exact where work spreads
-/// evenly over the threads and they wait alike, and where one thread does all of it.
+/// Wall time of some work if none of its threads had waited: times the share of readiness in which they had a
+/// processor. Exact for one thread, and where threads work and wait alike.
 pub fn undelayed_ms(wall_ms: f64, cpu_ms: f64, delay_ms: f64) -> f64 {
     if cpu_ms > 0.0 && delay_ms > 0.0 { wall_ms * cpu_ms / (cpu_ms + delay_ms) } else { wall_ms }
 }

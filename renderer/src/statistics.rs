@@ -54,9 +54,8 @@ pub struct Ratio {
 const TAIL: f64 = 0.025;
 
 impl Ratio {
-    /// Of the ratios `numerators[i] / denominators[i]`. The interval lies between two of the sorted ratios
-    /// and supposes nothing about how they are distributed (Hahn and Meeker, Statistical Intervals, 1991,
-    /// section 5.2).
+    /// Of the ratios `numerators[i] / denominators[i]`, with an interval between two sorted ones for any
+    /// distribution (Hahn and Meeker, Statistical Intervals, 1991, section 5.2).
     pub fn of(numerators: &[f64], denominators: &[f64]) -> Self {
         let mut ratios: Vec<f64> = numerators.iter().zip(denominators).map(|(a, b)| a / b).collect();
         ratios.sort_by(f64::total_cmp);
@@ -81,9 +80,8 @@ impl std::fmt::Display for Ratio {
     }
 }
 
-/// The number of `count` sorted values that may be left out on each side so that the median lies between the
-/// others with the confidence of the interval. It is below the value of rank `k` with the probability that of
-/// `count` throws of a coin at most `k` show heads.
+/// The sorted values of `count` to leave out on each side: the median lies below rank `k` with the
+/// probability that of `count` throws of a coin at most `k` show heads.
 fn outside(count: usize) -> Option<usize> {
     let mut term = 0.5_f64.powi(i32::try_from(count).unwrap_or(i32::MAX));
     let mut below = term;
@@ -115,11 +113,8 @@ pub fn quantile(sorted: &[f64], share: f64) -> f64 {
     sorted[low] + (sorted[high] - sorted[low]) * (place - low as f64)
 }
 
-/// Who of several is the fastest in shared rounds, as places in `rounds_ms`: the one to take in even rounds,
-/// and the one to take in odd rounds. Each is chosen by its median in the rounds of the other half, so no
-/// round has a say in who stands for the fastest there. The least of several medians would be too low,
-/// because luck in these rounds is chosen with it. Luck that lasts for all rounds is not left out. `None` for
-/// none; all need rounds.
+/// Who of several is the fastest in shared rounds, as places in `rounds_ms`: for even and for odd rounds,
+/// each chosen by its median in the other half, so that luck does not choose. `None` for none.
 pub fn fastest_of_other_half(rounds_ms: &[&[f64]]) -> Option<[usize; 2]> {
     let fastest_in = |first: usize| {
         let median = |one: &[f64]| {

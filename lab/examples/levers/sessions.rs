@@ -72,9 +72,8 @@ const UNBUILT_MOST: u32 = 100;
 /// A configuration of at least this share of a session's frames runs in the rounds.
 const SHARE_IN_ROUNDS: u32 = 8;
 
-/// What is compared with the fixed structure. One a scene: the structure that is best over all N there.
-/// Swap: the pair of structures that is best over all N there, by [`Times::swapped_ms`]. Ceiling: the best
-/// structure for this N there.
+/// Each against the fixed structure: the best of the scene over all N, the best pair that is swapped
+/// ([`Times::swapped_ms`]), and the ceiling, the best for this N.
 const COLUMNS: [&str; 8] = [
     "auto's start",
     "quick, middle by N",

@@ -43,9 +43,8 @@ impl Machine {
         Context { threads: self.threads, size: Size { width, height } }
     }
 
-    /// How it introduces itself to a daemon. The service takes machines of one processor for a group, so the
-    /// group stands in the processor's name. It takes two clients for one machine only if all fields agree,
-    /// so the machine's name stands in that of the instruction set.
+    /// How it introduces itself to a daemon: the group in the processor's name, since machines of one
+    /// processor are a group, and the machine in the instruction set's, since all fields mean one machine.
     pub(crate) fn fingerprint(&self, processor: &Fingerprint) -> Fingerprint {
         Fingerprint {
             cpu_model: format!("{}, {}", processor.cpu_model, self.isa),

@@ -63,9 +63,8 @@ impl RecordedRounds {
         self.contenders.iter().find(|one| one.who == *who)
     }
 
-    /// The reports that a client would have made of them: every frame in the order in which they ran, and
-    /// each failure once. Native Embree path by path is left out, because it is in no space; `without` are
-    /// texts of further configurations to leave out.
+    /// A client's reports of them: every frame in its order, each failure once; without native Embree path
+    /// by path, which is in no space, and without the texts in `without`.
     pub(crate) fn frames(
         &self,
         without: &BTreeSet<String>,

@@ -46,9 +46,8 @@ pub(crate) fn relative_costs(
     .collect()
 }
 
-/// Native Embree used well: the fastest of its default, path by path, and of the ways with our stages. Each
-/// half of the rounds has the frame times of that one which was the fastest in the other half, so that luck
-/// does not choose. The way is that of the faster one of all rounds.
+/// Native Embree used well: the fastest of its default and the ways with our stages. Each half of the rounds
+/// has the times of the fastest in the other half, so that luck does not choose.
 pub(crate) fn used_well(rounds: &RecordedRounds, frames_per_build: u32) -> Option<(NativeUse, Vec<f64>)> {
     let uses = rounds.contenders.iter().filter_map(|one| {
         let frames_ms = one.frame_ms(frames_per_build);

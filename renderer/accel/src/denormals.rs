@@ -2,11 +2,8 @@
 //!
 //! A product that underflows into the denormal range costs a hundred cycles and changes no pixel.
 
-/// Makes the calling thread treat denormal numbers as zero, as inputs and as results (x86 FTZ and DAZ).
-/// Call it once at the start of each rendering thread. Elsewhere than on x86-64 it does nothing.
-///
-/// The compiler assumes the default mode when it evaluates constants, so a denormal constant may survive;
-/// no result of ours depends on that.
+/// Makes the calling thread treat denormal numbers as zero (x86 FTZ and DAZ), once for each rendering
+/// thread; elsewhere than on x86-64 nothing. Denormal constants may survive, on which no result depends.
 pub fn set_flush_denormals() {
     #[cfg(target_arch = "x86_64")]
     {

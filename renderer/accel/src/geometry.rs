@@ -14,8 +14,7 @@ pub(crate) use crate::rays::{CARD, NO_TRIANGLE};
 pub use crate::rays::{Hit, Intersector, NO_INSTANCE, Packets, Ray};
 
 /// Indexed triangles in one space, checked once: indices in range, coordinates finite and at most
-/// [`COORDINATE_MAX`] in magnitude. A triangle's number is its index everywhere. The arrays are shared:
-/// clones and [parts](Self::part) cost nothing.
+/// [`COORDINATE_MAX`]. The arrays are shared: clones and [parts](Self::part) cost nothing.
 #[derive(Clone, Debug, Default)]
 pub struct Triangles {
     positions: Arc<Vec<Vec3A>>,

@@ -11,11 +11,9 @@ const STEP: libc::c_int = 64 << 20;
 /// Makes the allocator of this process keep freed memory, for the next tree. Call it once at the start of a
 /// program that builds trees frame by frame.
 ///
-/// A tree and its builder's working memory are some hundred megabytes. By default the C library gives blocks
-/// of that size back to the kernel at once, and the next build waits while every page is zeroed again. On a
-/// scene of 1.4 million triangles this took three quarters of the page faults and a third of the kernel's
-/// time of whole benchmarks. The price is that the process never shrinks below the largest it was. Returns
-/// whether the C library agreed; only glibc is asked (`mallopt(3)`).
+/// By default the C library gives large blocks back at once, and the next build waits while every page is
+/// zeroed again: three quarters of the page faults with 1.4 million triangles. The process never shrinks
+/// then. Returns whether the C library agreed; only glibc is asked (`mallopt(3)`).
 pub fn keep_freed_memory() -> bool {
     #[cfg(all(target_os = "linux", target_env = "gnu"))]
     {
@@ -33,9 +31,8 @@ pub fn keep_freed_memory() -> bool {
     false
 }
 
-/// Asks the kernel for huge pages under the memory of a vector, best before it is filled. Otherwise a table
-/// that rays look into all over misses the page table cache as often as the data caches. Changes nothing but
-/// speed; elsewhere than on Linux it does nothing.
+/// Asks the kernel, on Linux, for huge pages under a vector, best before it is filled: a table that rays look
+/// into all over would miss the page table cache as often as the data caches.
 pub fn wish_for_huge_pages<T>(values: &Vec<T>) {
     #[cfg(target_os = "linux")]
     {

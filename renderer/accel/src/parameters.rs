@@ -77,9 +77,8 @@ pub struct TreeParameters {
     pub builder: Builder,
     /// Neighbours along the curve, either way, that a cluster may join: 1 to 32, with [`Builder::Ploc`].
     pub search_radius: u32,
-    /// The most triangles next to each other on the curve that make one cluster before any looks for
-    /// neighbours: 1 to 8. Builds are faster and trees a little worse with more. Acts with [`Builder::Ploc`]
-    /// only.
+    /// The most neighbouring triangles on the curve that begin as one cluster: 1 to 8. More build faster and
+    /// a little worse. Acts with [`Builder::Ploc`] only.
     pub cluster_size: u32,
     /// The way to the wide tree.
     pub collapse: Collapse,
@@ -166,10 +165,8 @@ impl TreeParameters {
     }
 }
 
-/// The update of a structure after triangles have moved.
-///
-/// For a tuning space: `update` is one of three choices, and `rebuild_threshold` acts with the partial one
-/// only. Native scenes know no partial update and refit instead. Neither acts in a static scene.
+/// The update of a structure after triangles have moved. `rebuild_threshold` acts with the partial one only,
+/// for which native scenes refit.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Update {

@@ -104,16 +104,12 @@ fn native_instead(parameters: &TreeParameters) -> Option<NativeOptions> {
 }
 
 impl Structure {
-    /// Brings the structure up to date with triangles that moved: as many as before, and each with the number
-    /// it had. Where it has two levels, `instances` that moved as well are of the same objects in the same
-    /// order; without any, all stand as before.
+    /// Brings the structure up to date with as many triangles that moved, and with moved `instances` of its
+    /// objects in its order; without any, all stand as before.
     ///
-    /// Two levels update each object that moves in its own space. One that rests keeps its structure, under
-    /// every `update`. Where all do, the tree over the instances is fitted to their new places, and made anew
-    /// for [`Update::Rebuild`] or where its cost has grown beyond the threshold of [`Update::Partial`].
-    /// Native
-    /// ones make it anew each time. After an error the structure is unchanged or refitted; it can be used
-    /// either way.
+    /// Objects that rest keep their structure. Where all do, the tree over the instances is fitted, and
+    /// rebuilt for [`Update::Rebuild`] or beyond the threshold of [`Update::Partial`]; native ones always
+    /// rebuild it. After an error the structure is unchanged or refitted, and can be used.
     pub fn update(
         &mut self,
         device: &Device,

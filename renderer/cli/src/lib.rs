@@ -115,10 +115,8 @@ pub fn main() -> ExitCode {
     carry_out("treewright-render", || run(&parse_arguments::<Cli>().command))
 }
 
-/// Carries out what the command line asks a program for. Warnings of libraries go to standard error as far as
-/// `TREEWRIGHT_LOG` lets them, the reason of a failure in any case. Freed memory is kept for the next tree.
-/// Where `TREEWRIGHT_ISA` names an instruction set (`sse2`, `avx2`, `avx512`), nothing wider is used, as on
-/// an older processor.
+/// Carries out what the command line asks a program for. Warnings go to standard error as `TREEWRIGHT_LOG`
+/// lets them. Freed memory is kept for the next tree. `TREEWRIGHT_ISA` names the widest instruction set.
 pub fn carry_out(program: &str, run: impl FnOnce() -> Result<(), CliError>) -> ExitCode {
     end_with_the_reader();
     // Where the C library does not know how, builds are slower and nothing else changes.

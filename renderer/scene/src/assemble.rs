@@ -165,10 +165,8 @@ impl Assembler {
         self.rig = Some(rig);
     }
 
-    /// Adds a mesh in world space or, inside an object, in the object's. Triangles whose winding contradicts
-    /// their normals are turned round: front sides are those that the normals point away from. Triangles with
-    /// a corner that is not finite or too far out are dropped and counted; a mesh without triangles leaves no
-    /// trace.
+    /// Adds a mesh in world space or in an open object's. Triangles wound against their normals are turned
+    /// round, bad ones dropped and counted; an empty mesh leaves no trace.
     pub fn mesh(&mut self, name: impl Into<String>, material: u32, part: &Part) -> Result<(), SceneError> {
         let (name, first_source) = (name.into(), self.first_source.take());
         let refuse = |source| SceneError::Geometry { path: self.origin.clone(), mesh: name.clone(), source };

@@ -46,9 +46,8 @@ impl From<&Camera> for CameraPose {
 }
 
 impl CameraPose {
-    /// The camera. Without a given distance it looks at the point of its line of sight that is nearest to
-    /// the scene's middle, at least a tenth of the diagonal away. `None` when a number is not finite or the
-    /// direction has no length.
+    /// The camera, by default on the point of its line of sight nearest to the scene's middle, a tenth of the
+    /// diagonal away or more. `None` without finite numbers or a direction.
     pub fn aim(&self, bounds: &Bounds) -> Option<Camera> {
         let forward = self.forward.try_normalize()?;
         if !self.position.is_finite() || !self.vertical_fov_deg.is_finite() {

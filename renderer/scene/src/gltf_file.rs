@@ -98,9 +98,8 @@ fn parse_message(error: &gltf::Error) -> String {
 /// The places of an object in the world, and what carries those that move.
 type Places = Vec<(Affine3A, Option<Carried>)>;
 
-/// An empty list for each mesh that is to become an object: those that several nodes name, if that saves
-/// enough triangles in all. None that is skinned or morphed, or that a node names which animations may
-/// flatten, as far as there is room for such: what has none stands still anyway.
+/// An empty list for each mesh that becomes an object: those of several nodes, if that saves enough
+/// triangles, and that are not skinned, morphed or flattened by animations that there is room for.
 pub(super) fn shared_meshes(document: &Document, copies: &Copies, flattened: &[bool]) -> Vec<Option<Places>> {
     let sum = |mesh: &Mesh, of: fn(&Primitive) -> u64| {
         mesh.primitives().fold(0_u64, |sum, one| sum.saturating_add(of(&one)))

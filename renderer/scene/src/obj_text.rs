@@ -40,9 +40,8 @@ const UNNAMED: &str = "unnamed_object";
 const NAMED: [&str; 11] =
     ["usemtl", "mtllib", "o", "g", "newmtl", "map_Kd", "map_d", "map_Ke", "map_Pr", "map_Pm", "norm"];
 
-/// The statements of a text without comments, each with the number of the line it begins in. A line that ends
-/// in a backslash goes on in the next; a comment does not. A comment may stand behind numbers, but a name may
-/// hold its sign.
+/// The statements of a text with their line numbers, without comments. A backslash goes on in the next line,
+/// except in a comment. A name may hold a comment's sign; numbers end at it.
 pub(super) fn statements(text: &str) -> impl Iterator<Item = (usize, Cow<'_, str>)> {
     let mut lines = (1..).zip(text.split('\n'));
     std::iter::from_fn(move || {

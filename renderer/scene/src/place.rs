@@ -32,9 +32,8 @@ impl Placement {
     }
 }
 
-/// The factor on the lengths of a scene with such a diagonal, a power of two; `None` for one that is right as
-/// it is, and for one without size. A large scene stays as large as it may be, because it may have small
-/// parts.
+/// The power of two on the lengths of a scene with such a diagonal; `None` for one that is right as it is or
+/// without size. A large scene stays as large as it may be, for its small parts.
 pub(super) fn factor(diagonal: f32) -> Option<f32> {
     if diagonal <= 0.0 || DIAGONAL_RANGE.contains(&diagonal) {
         return None;

@@ -244,13 +244,12 @@ impl Bsdf {
 }
 
 impl<const THIN: bool> Seen<'_, THIN> {
-    /// For a direction `light`: value of the rough lobes times the cosine, and the solid angle density with
-    /// which [`Seen::sample`] draws it from them. Both zero below the surface.
+    /// For a direction `light`: value of the rough lobes times the cosine, and the density of
+    /// [`Seen::sample`]. Both zero below the surface.
     ///
-    /// The lobe is GGX with height-correlated shadowing, `D G / (4 cos cos)`, drawn by visible normals. Both
-    /// are written with roots instead of tangents, so that grazing angles divide by nothing small (Lagarde
-    /// and de Rousiers, Moving Frostbite to PBR, 2014, section 3.1.2). With unit vectors `|view + light|` is
-    /// twice the cosine between each and the half vector, which saves normalising it.
+    /// The lobe is GGX with height-correlated shadowing, drawn by visible normals, written with roots so that
+    /// grazing angles divide by nothing small (Lagarde and de Rousiers, Moving Frostbite to PBR, 2014,
+    /// section 3.1.2). For unit vectors `|view + light|` is twice the cosine with the half vector.
     #[inline(always)]
     pub fn rough(&self, light: Vec3) -> (Vec3, f32) {
         let (bsdf, view) = (self.bsdf, self.view);
@@ -329,10 +328,8 @@ struct Coat {
 }
 
 impl Coat {
-    /// The factor on the albedo of a body under it, so that no light is lost on the way in and out: a white
-    /// body reflects what the coat does not. Light that the coat reflects back into the body is scattered
-    /// there again. The coat reflects more from within than from outside, here half as much again. With this
-    /// middle grey is as bright as without all this.
+    /// The factor on the albedo of a body under it, so that no light is lost: what the coat reflects back
+    /// into the body, half as much again as from outside, is scattered there again.
     fn kept(&self, base: Vec3) -> Vec3 {
         let outside = mean_of_schlick(Vec3::splat(self.f0), Vec3::splat(self.f90)).x;
         let within = (1.5 * outside).min(0.95);

@@ -207,9 +207,8 @@ impl<F: Fn(&Surface, &LightSample) -> bool> Lesson<'_, F> {
         Some(CellLamps { lamps, others })
     }
 
-    /// Tries a group of lamps from some places, to which it should bring this light together: its number,
-    /// what it brings in the mean, and its worth. The noise of a lamp that arrives at a share of the places
-    /// is least if it is drawn in proportion to the root of the share.
+    /// Tries a group of lamps from some places: its number, its mean light, and its worth. Noise is least if
+    /// a lamp is drawn in proportion to the root of the share of places where it arrives.
     fn try_out(
         &self,
         (group, light): (u32, f32),
@@ -239,9 +238,8 @@ impl<F: Fn(&Surface, &LightSample) -> bool> Lesson<'_, F> {
 }
 
 impl LampGuide {
-    /// Learns which lamps, of these powers, light places on surfaces, seen from `eye`. `arrives` tells
-    /// whether light comes through to a surface. `None` if there are too few places. O(lamps + cells ×
-    /// groups); at most [`PROBES`] rays for each group that a cell keeps.
+    /// Learns which lamps, of these powers, light places, seen from `eye`. `arrives` says whether light comes
+    /// through. `None` for too few places. At most [`PROBES`] rays for each group that a cell keeps.
     pub(super) fn new(
         lamps: &[Lamp],
         powers: &[f64],

@@ -278,10 +278,8 @@ impl Lights {
         self.environment.is_some() || self.guide().is_some()
     }
 
-    /// For a position on a surface with this geometric normal, draws a direction towards any of the lights:
-    /// besides those of [`Lights::sample`] a bright place of the environment or a light without size. After
-    /// the `last` bounce the environment brings no light, like the sky's gradient, which only a further
-    /// bounce would find. So one sky gives one picture, as an environment map or as a gradient.
+    /// Draws a direction towards any light: as [`Lights::sample`], a bright place of the environment, or a
+    /// light without size. After the `last` bounce the environment, like the gradient, brings no light.
     pub(super) fn sample_all(
         &self,
         position: Vec3,
@@ -403,8 +401,7 @@ impl Lights {
         Some(LightSample { direction, distance: f32::INFINITY, radiance, pdf })
     }
 
-    /// For a position on a surface with this geometric normal, draws a direction towards the sun or a point
-    /// on an emissive triangle. `None` where there is no such light or the triangle is seen edge on. `LAMPS`
+    /// Draws a direction towards the sun or a point on an emissive triangle, if any and not edge on. `LAMPS`
     /// and `SUN` are false where the scene has none.
     #[inline(always)]
     pub fn sample<const LAMPS: bool, const SUN: bool>(
@@ -428,9 +425,8 @@ impl Lights {
         light.is_sound().then_some(light)
     }
 
-    /// One of a few emissive triangles that belong to `pick`, chosen by the part of `choice` that does not
-    /// mean the sun, and where on it: two numbers in [0, 1) for [`Lamp::sample`]. Its emission is that of the
-    /// point, by the weight of the choice. `None` if there is none or nothing of them reaches the surface.
+    /// One of a few emissive triangles that belong to `pick`, by the part of `choice` that does not mean the
+    /// sun, and two numbers for [`Lamp::sample`]. `None` if nothing of them reaches the surface.
     #[inline(always)]
     pub(super) fn lamp(
         &self,

@@ -64,10 +64,8 @@ impl Multiple {
     }
 }
 
-/// The loss of a GGX layer with height-correlated shadowing, for a roughness of 0 to 1 in steps of a
-/// sixteenth: coefficients as in [`Losses`], and the mean over all directions by their cosine. Fitted by
-/// least squares to 60 cosines of 19,600 visible normals each; the largest error is 0.014, at grazing angles
-/// of the roughest layer.
+/// The loss of a GGX layer for a roughness of 0 to 1 in sixteenths: coefficients of [`Losses`], and the mean
+/// by the cosine. Least squares to visible normals; the largest error is 0.014, for the roughest at grazing.
 const LOSSES: [([f32; 4], f32); 17] = [
     ([0.04235, 1.68903, -3.59980, 1.86916], 0.0000),
     ([0.04235, 1.68903, -3.59980, 1.86916], 0.0002),

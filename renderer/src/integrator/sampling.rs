@@ -39,9 +39,8 @@ impl Basis {
     }
 }
 
-/// Sine and cosine of `u` full turns, `u` in [0, 1), to about 1e-7: the turn is reduced to the eighth around
-/// the nearest quarter, where short polynomials do. Their coefficients are those of Moshier's Cephes library.
-/// The library's functions must be right for every angle and take four times as long.
+/// Sine and cosine of `u` full turns, `u` in [0, 1), to about 1e-7: polynomials of Moshier's Cephes library
+/// around the nearest quarter, four times as fast as functions for every angle.
 #[inline(always)]
 pub fn turn(u: f32) -> (f32, f32) {
     let quarters = (u * 4.0 + 0.5) as i32;

@@ -21,9 +21,8 @@ const SHADOW_PATH: Path = Path {
     sheets: 0,
 };
 
-/// Share of light that comes through thin sheets along a blocked shadow ray. Should the nearest hit not be
-/// found, the blocker counts as opaque. Most rays pass no place where a sheet could be, and then the blocker
-/// is opaque for certain.
+/// Share of light through thin sheets along a blocked shadow ray. Most rays pass no place where a sheet could
+/// be, and then, or if no nearest hit is found, the blocker is opaque.
 pub(super) fn through_sheets<I: Intersector>(
     prepared: &Prepared,
     intersector: &I,

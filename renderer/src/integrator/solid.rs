@@ -20,8 +20,7 @@ use super::{places, prepared::Shading, sampling::Basis, surface::WorldFacet};
 use crate::limits::SOLID_WAYS_MAX;
 
 /// Share of unpolarised light that a smooth surface reflects (Fresnel), and the cosine on the other side.
-/// `eta` is the index of refraction on the side light comes from over that on the other; nothing passes in
-/// total reflection.
+/// `eta` is the index on the side light comes from over the other's.
 pub(super) fn fresnel(cosine: f32, eta: f32) -> (f32, Option<f32>) {
     let sine_squared = eta * eta * (1.0 - cosine * cosine);
     if sine_squared >= 1.0 {

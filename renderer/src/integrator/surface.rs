@@ -10,10 +10,8 @@
 use glam::{Vec3, Vec3A, Vec4};
 use treewright_accel::{Hit, Instance, Ray};
 
-/// Distance of a new ray's start from the surface, relative to the magnitude of the hit point. A point
-/// computed from barycentric weights is good to a few units in the last place of its largest coordinate.
-/// Wächter and Binder (A Fast and Robust Method for Avoiding Self-Intersection, Ray Tracing Gems 2019,
-/// chapter 6) find that offsets of this order hold for every coordinate range.
+/// Distance of a new ray's start from the surface, relative to the hit point's magnitude (Wächter and Binder,
+/// A Fast and Robust Method for Avoiding Self-Intersection, Ray Tracing Gems 2019, chapter 6).
 const OFFSET_OF_POSITION: f32 = 64.0 * f32::EPSILON;
 
 /// That offset relative to the triangle's longest edge: an intersection test loses this share of it.

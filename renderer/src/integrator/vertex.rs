@@ -95,9 +95,8 @@ const CAUSTIC_ANGLE: f32 = 0.1;
 const ROUGH_ANGLE: f32 = 0.25;
 
 impl Path {
-    /// Width of a ray at a position, as a cone from the point where its path was scattered last
-    /// (Akenine-Möller et al., Texture Level of Detail Strategies for Real-Time Ray Tracing, Ray Tracing Gems
-    /// 2019, chapter 20).
+    /// Width of a ray at a position, as a cone from the last scattering (Akenine-Möller et al., Texture Level
+    /// of Detail Strategies for Real-Time Ray Tracing, 2019).
     #[inline]
     pub(super) fn width(&self, tracing: &Tracing, position: Vec3) -> f32 {
         let angle = if self.pdf == DIRECT {
@@ -251,9 +250,8 @@ pub(super) fn weight_over_density(pdf: f32, other: f32) -> f32 {
     1.0 / (pdf * (1.0 + ratio * ratio))
 }
 
-/// The density with which a surface's own sampling finds a light at some distance, in a direction that it
-/// draws with `pdf`. After the `last` bounce it finds lamps alone, by last rays: sky and sun lie infinitely
-/// far. A light without size is never found, but its density is beyond comparison.
+/// The density with which a surface's own sampling, of `pdf`, finds a light at some distance. Last rays find
+/// lamps alone, and nothing finds lights without size.
 #[inline(always)]
 pub(super) fn density_of_finding(pdf: f32, last: bool, distance: f32) -> f32 {
     let by_last_ray = if distance.is_finite() { pdf * LAST_RAY } else { 0.0 };

@@ -193,11 +193,9 @@ impl TuningSpace {
         })
     }
 
-    /// Adds recommended values for missing ones and checks everything. The result is canonical: a value for
-    /// each active parameter and no other.
-    ///
-    /// Retired parameters are left out ([`TuningSpace::retired`]). A value implies the values that it needs:
-    /// `quality=3` alone means the tunable back end in the full space. See [`Space::complete`].
+    /// Adds recommended values for missing ones and checks everything; every active parameter has a value
+    /// then, no other. Retired ones go ([`TuningSpace::retired`]). Values imply those they need: see
+    /// [`Space::complete`].
     pub fn complete(&self, given: &Configuration) -> Result<Configuration, ConfigurationError> {
         let given = self.without_retired(given)?;
         match self.space.complete(&self.without_held(&given)) {

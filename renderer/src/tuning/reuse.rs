@@ -54,9 +54,8 @@ impl Reuse {
         }
     }
 
-    /// The number of frames that a tree is expected to serve, 1 to [`FRAMES_PER_BUILD_MAX`]. It is at least
-    /// the number that it has served already without a change (Laplace's rule, and for lives without a scale
-    /// Gott's of 1993).
+    /// The number of frames that a tree is expected to serve, 1 to [`FRAMES_PER_BUILD_MAX`], and at least
+    /// what it has served already (Laplace's rule, without a scale Gott's of 1993).
     pub fn expected(&self) -> f64 {
         let between = (PRIOR_FRAMES + self.frames) / (PRIOR_CHANGES + self.changes);
         between.max(self.still).clamp(1.0, f64::from(FRAMES_PER_BUILD_MAX))

@@ -246,9 +246,8 @@ fn trial_beside(
     }
 }
 
-/// Builds and renders one choice; see [`trial`]. Where many frames share a build, a kept structure serves
-/// again, and a slow build is followed by more frames, as many as take a tenth of its time. In real time a
-/// frame that is known well enough ([`Apart`]) is not rendered.
+/// Builds and renders one choice; see [`trial`]. A kept structure serves again, a slow build is followed by
+/// more frames, and in real time a frame that is known well enough ([`Apart`]) is not rendered.
 pub(super) fn run_choice(
     renderer: &mut Renderer,
     choice: &Choice,

@@ -160,9 +160,8 @@ pub fn keep_best_native(mut standings: Vec<Standing>) -> Vec<Standing> {
     standings
 }
 
-/// The fastest way to use Embree's own structure. Each half of the rounds has the times of that one which was
-/// the fastest in the other half ([`fastest_of_other_half`]), so that luck does not choose. Where these are
-/// two, the faster one of all rounds gives its name, its builds and its memory.
+/// The fastest way to use Embree's own structure: each half of the rounds has the times of the fastest in the
+/// other half ([`fastest_of_other_half`]); the faster one of all gives name, builds and memory.
 fn best_use(standings: &[Standing]) -> Option<Standing> {
     let works = |one: &&Standing| one.failure.is_none() && !one.undelayed_ms.is_empty();
     let uses: Vec<(NativeUse, &Standing)> =
@@ -200,13 +199,9 @@ pub fn start_name(preset: Preset, start: &Start) -> Who {
     }
 }
 
-/// Chooses the standing to use. That is `start` unless another is shown to be faster: by the interval of
-/// pairs with it, or, for the search's best, by the service's race (`is_proven`) and the median of the pairs
-/// together. Of several for which `may_win` holds it is the one with the highest median. So a few lucky
-/// rounds replace nothing.
-///
-/// The search's best becomes [`Who::Tuned`] if it is chosen, and stays [`Who::Found`] otherwise. Returns the
-/// chosen one.
+/// Chooses the standing to use: `start`, unless one for which `may_win` holds is shown to be faster, by the
+/// interval of pairs or, for the search's best, by the service's race (`is_proven`). The search's best then
+/// becomes [`Who::Tuned`], and stays [`Who::Found`] otherwise.
 pub fn crown(
     standings: &mut [Standing],
     start: &Who,
@@ -290,9 +285,8 @@ pub fn contender(
     Ok(named(who, space.choice(configuration)?))
 }
 
-/// Break-even from the measurements. The search's own costs are those of its time. Later frames of the
-/// baseline have its cost in the final rounds, and those of the best configuration that cost over its
-/// speed-up in these rounds. `frames` is the number of frames of each trial that does not name its own.
+/// Break-even from the measurements: the search costs its own time, later frames what the final rounds say.
+/// `frames` is the number of frames of each trial that does not name its own.
 pub fn break_even(
     found: &SearchOutcome,
     objective: Objective,

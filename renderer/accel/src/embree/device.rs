@@ -121,9 +121,9 @@ impl Device {
         }
     }
 
-    /// Another device of as many threads, on which Embree may hold `bytes` at most at any one time: builds
-    /// that need more fail with [`BuildError::OutOfMemory`](crate::BuildError::OutOfMemory). Memory that is
-    /// not Embree's, such as a list of references, is not counted.
+    /// Another device of as many threads, on which Embree may hold `bytes` at any one time: builds that need
+    /// more fail with [`BuildError::OutOfMemory`](crate::BuildError::OutOfMemory). Other memory does not
+    /// count.
     pub fn with_memory_budget(&self, bytes: usize) -> Result<Self, DeviceError> {
         Self::new(self.inner.threads, "", MemoryMonitor::new(isize::try_from(bytes).unwrap_or(isize::MAX)))
     }

@@ -73,9 +73,8 @@ impl NativeScene {
         Ok(Self { refits, ..scene })
     }
 
-    /// Follows moved triangles; there is no partial update, so it is a refit too. The first refit builds a
-    /// scene that can do it, and later ones refit that. Embree takes the changed vertices and fits its own
-    /// boxes.
+    /// Follows moved triangles by a refit: the first one builds a scene that can do it, which later ones
+    /// refit.
     pub(crate) fn update(&mut self, triangles: &Arc<Triangles>, update: Update) -> Result<(), BuildError> {
         BuildError::same_count(self.triangles.len(), triangles.len())?;
         update.check()?;

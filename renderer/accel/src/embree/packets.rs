@@ -23,9 +23,8 @@ impl<const N: usize> RayPacket<N> {
         flags: [0; N],
     };
 
-    /// Takes in up to `N` rays and says which of them are to be traced: places left over and rays that are
-    /// not valid are not. The traversal never reads an idle place, but a coherent packet's common bounds
-    /// could be, so it keeps the finite ray that was there before.
+    /// Takes in up to `N` rays and says which to trace: not the invalid ones. Idle places keep finite rays,
+    /// since a coherent packet's common bounds could read them.
     #[inline(always)]
     fn fill(&mut self, rays: &[Ray]) -> ActiveRays<N> {
         let mut mask = ActiveRays([0; N]);

@@ -4,9 +4,9 @@ use glam::Vec3A;
 
 use crate::geometry::{CARD, NO_TRIANGLE, Ray, Triangles};
 
-/// Up to `B` triangles. A plain block holds the first corner and two edges, a watertight one the three
-/// corners: `vertices[which][axis][lane]`. Unused lanes hold NaN, which no test accepts,
-/// and [`NO_TRIANGLE`]. Numbers of triangles with masks carry the mark [`CARD`].
+/// Up to `B` triangles, `vertices[which][axis][lane]`: a corner and two edges, or three corners if
+/// watertight. Unused lanes hold NaN and [`NO_TRIANGLE`]; numbers of triangles with masks carry the mark
+/// [`CARD`].
 #[derive(Clone, Copy, Debug)]
 #[repr(C, align(32))]
 pub(crate) struct Block<const B: usize> {

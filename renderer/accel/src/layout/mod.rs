@@ -47,9 +47,8 @@ const _: () = {
     assert!(align_of::<PlacedPart>() > TAG_BITS);
 };
 
-/// A pointer to a node or to the items of a leaf: blocks of triangles, or placed parts in the upper level of
-/// two. All are aligned to 32 bytes or more, which leaves five bits: whether it is a leaf, and of how many
-/// blocks.
+/// A pointer to a node or a leaf's items, aligned to 32 bytes or more, which leaves five bits: whether it is
+/// a leaf, and of how many items.
 #[derive(Clone, Copy, Debug)]
 #[repr(transparent)]
 pub(crate) struct NodeRef(*mut u8);
@@ -149,9 +148,8 @@ impl NodeRef {
         unsafe { std::slice::from_raw_parts(self.0.map_addr(|address| address & !TAG_BITS).cast(), count) }
     }
 
-    /// Asks for the node `N` or the leaf's first item `T` to be brought into the cache, whatever is there.
-    /// Nodes that are no smaller than items save the choice, which would be hard to foresee: then a leaf's
-    /// second item comes along in part.
+    /// Asks for the node `N` or the leaf's first item `T` to be brought into the cache; where nodes are no
+    /// smaller, without a choice, and a leaf's second item comes along in part.
     #[inline(always)]
     pub(crate) fn prefetch<N: TreeNode, T>(self) {
         let (node, item) = (size_of::<N>(), size_of::<T>());

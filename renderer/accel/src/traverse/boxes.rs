@@ -117,9 +117,8 @@ impl<L: Order, N: Planes> Boxes<N> for FastBoxes<L> {
     }
 }
 
-/// Conservative test for watertight trees, after Woop, Benthin and Wald (2013), section 4. The origin is
-/// moved apart for near and far planes by more than the shear of the triangle test can err. The reciprocals
-/// are rounded down and up.
+/// Conservative test for watertight trees, after Woop, Benthin and Wald (2013), section 4: origins apart by
+/// more than the shear can err, reciprocals rounded down and up.
 #[derive(Clone, Copy)]
 pub(crate) struct PaddedBoxes<L> {
     pub(super) near_reciprocal: Lanes3<L>,

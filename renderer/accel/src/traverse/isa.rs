@@ -28,9 +28,8 @@ impl Isa {
         allowed.into_iter().find(|isa| isa.is_available()).unwrap_or(Self::Scalar)
     }
 
-    /// Keeps this process from anything wider, Embree's kernels included, as if the processor had no more. To
-    /// be called before the first device is opened, because Embree learns it there. `false` where the set is
-    /// not available here, or another one was named before.
+    /// Keeps this process, Embree's kernels included, from anything wider. Call it before the first device is
+    /// opened. `false` where the set is not available, or another one was named before.
     pub fn limit(self) -> bool {
         self.is_available() && *WIDEST.get_or_init(|| self) == self
     }

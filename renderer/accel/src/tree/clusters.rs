@@ -102,9 +102,8 @@ impl Clusters {
 }
 
 /// For each cluster from `base` on, at most `P` less the radius, the partner at most `R` places away that
-/// makes the smallest box with it. A key is the exclusive or of both places, behind the area's highest bits.
-/// That is equal for both of a pair, and different for the partners of one. So of equal areas too there is
-/// always one pair whose two choose each other, and equal boxes are joined pair by pair.
+/// makes the smallest box with it. A key is the area's highest bits and the exclusive or of both places:
+/// equal for both of a pair, so that of equal areas too there is always one pair whose two choose each other.
 #[inline(always)]
 fn nearest<const R: usize, const P: usize>(clusters: &Clusters, base: usize, best: &mut [u32; P]) {
     const { assert!(R + LANES <= FREE_BEHIND) };

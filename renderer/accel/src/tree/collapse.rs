@@ -100,9 +100,8 @@ impl Model {
     }
 }
 
-/// The way in which a subtree becomes children of a wide node. It says whether the subtree is a leaf where it
-/// is one child. For each greater number of children it has the number of those in its first half, four bits
-/// each. 0 means that fewer children cost as little.
+/// How a subtree becomes children of a wide node: whether it is a leaf as one child, and for each greater
+/// number the children of its first half, four bits each. 0 means that fewer cost as little.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Decision(u64);
 

@@ -103,9 +103,8 @@ impl Level {
         Ok(level)
     }
 
-    /// Fits the level to its places, which moved, of objects that rest. Returns false where there is no tree,
-    /// its cost has grown beyond `most` times that of its build, or memory ran out. The level must then be
-    /// rebuilt.
+    /// Fits the level to the moved places of objects that rest. False, for a rebuild, where there is no tree,
+    /// its cost is beyond `most` times that of its build, or memory ran out.
     pub(super) fn fit(&mut self, places: &[Place], most: f64) -> bool {
         let Some(upper) = &mut self.upper else {
             return false;

@@ -214,9 +214,8 @@ impl Motion {
         Below::Above(number)
     }
 
-    /// Makes new nodes above the subtrees, from where their boxes are now, and gives the root. `None`, and
-    /// nothing changed, where there is nothing above, leaves would come to lie deeper than `max_depth`, or
-    /// there is no memory.
+    /// Makes new nodes above the subtrees by their boxes now, and gives the root. `None`, with nothing
+    /// changed, where nothing is above, leaves would lie too deep, or memory lacks.
     fn regroup<N: TreeNode>(
         &mut self,
         device: &Device,

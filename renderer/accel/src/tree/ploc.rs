@@ -113,9 +113,8 @@ impl<const R: usize, const P: usize> Builder<'_, R, P> {
         self.join(clusters, base, Self::HANDED_UP, (nodes, first));
     }
 
-    /// Adds the first clusters of a few triangles: as many of them as one cluster may begin with are joined
-    /// where the curve parts them, without a look at any neighbour. The nodes are those from number `first`
-    /// on; `next` is the number of the first triangle's own.
+    /// Adds a few triangles' first clusters, joined where the curve parts them. The nodes are those from
+    /// number `first` on; `next` is the first triangle's number.
     fn begin(&self, keys: &[Key], nodes: &mut [Joined], (first, next): (u32, u32), clusters: &mut Clusters) {
         if let [key] = keys {
             let number = key.number();

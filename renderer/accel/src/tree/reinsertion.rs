@@ -53,9 +53,8 @@ pub(super) fn optimise(tree: &mut BinaryTree, passes: u32) {
     }
 }
 
-/// The nodes of this pass: those that promise most by the measure of Bittner, Hapala and Havran (section
-/// 3.2), which asks of the parent whether it is large, larger than its children together, and larger than the
-/// smaller one.
+/// The nodes of this pass by the measure of Bittner, Hapala and Havran (section 3.2): parents that are large,
+/// also beside the sum and the smaller one of their children.
 fn candidates(tree: &BinaryTree, pass: u32) -> Vec<u32> {
     let area = |number: usize| {
         let node = &tree.nodes[number];
@@ -91,13 +90,12 @@ fn candidates(tree: &BinaryTree, pass: u32) -> Vec<u32> {
     all
 }
 
-/// Finds the best new sibling for `node`, if any is better than the present one. Returns also the number of
-/// nodes it looked below. `stack` is room to work in.
+/// Finds the best new sibling for `node`, if any is better, and the number of nodes looked below. `stack` is
+/// room to work in.
 ///
-/// With the node its parent goes as well, and boxes above shrink. The search climbs from the parent to the
-/// root and adds up the areas saved. From each height it looks down into the part of the tree beside the
-/// path, as long as [`LOOKED_BELOW_MAX`] lets it. The gain of a place is the area saved, less the box of the
-/// new parent there, less the growth of the boxes above it.
+/// The search climbs from the parent, which goes as well, to the root and adds up the areas saved. From each
+/// height it looks down beside the path, at most [`LOOKED_BELOW_MAX`] nodes. A place gains the area saved,
+/// less the new parent's box, less the growth of the boxes above it.
 fn search(tree: &BinaryTree, node: usize, stack: &mut Vec<(f32, usize)>) -> (Option<Move>, usize) {
     let moved = &tree.nodes[node];
     let (lower, upper) = (moved.lower(), moved.upper());
@@ -199,8 +197,7 @@ fn place(tree: &mut BinaryTree, number: usize, node: BinaryNode) {
 }
 
 /// Moves `node` from below `parent` to beside `sibling`, and gives the change of the sum of inner areas. The
-/// old sibling takes the parent's number, `sibling` that of the old sibling, and a new parent of both that of
-/// `sibling`: so all numbers remain in use and the pair stays a pair.
+/// numbers rotate: sibling to parent, `sibling` to old sibling, new parent to `sibling`; pairs stay pairs.
 fn relink(tree: &mut BinaryTree, node: usize, parent: usize, sibling: usize) -> f64 {
     let mut change = -tree.nodes[parent].bounds().half_area();
     let lone = tree.nodes[node ^ 1];

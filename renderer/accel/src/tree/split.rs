@@ -60,11 +60,8 @@ impl Along {
     }
 }
 
-/// A triangle prepared to be cut by planes across one axis.
-///
-/// A builder asks for tens of millions of cuts, several in a row of one triangle and axis, and the results of
-/// the comparisons are as good as random. So values that do not depend on the plane are kept, and every
-/// choice is a selection between two values, none is a jump.
+/// A triangle prepared to be cut by planes across one axis. Builders ask for tens of millions of cuts with
+/// unforeseeable comparisons, so every choice selects between two values without a jump.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Cutter {
     /// The corners in order along the axis.

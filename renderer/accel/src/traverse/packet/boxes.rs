@@ -116,12 +116,9 @@ impl<L: Lanes, N: Planes> PacketBoxes<N> for PaddedPacket<L> {
     }
 }
 
-/// All rays as one, for a test against all children at once: the interval of their origins and that of their
-/// reciprocal directions, on each axis. Every box that one of them meets is met, and entered no later. Each
-/// plane's earliest (latest) time is that of the extreme origin and slope as long as it lies ahead of the
-/// rays. Planes behind them decide nothing.
-///
-/// The margins are several times those of [`PaddedBoxes`] and cover the rounding of the rays' own tests.
+/// All rays as one, for a test against all children at once: the intervals of origins and reciprocal
+/// directions on each axis. Every box that one of them meets is met, and entered no later, with margins
+/// several times those of [`PaddedBoxes`]. Planes behind the rays decide nothing.
 ///
 /// `R` has a lane for each ray, `L` one for each child of a node.
 #[inline(always)]
