@@ -373,11 +373,10 @@ fn car(generator: &mut Generator, kit: &Kit, rear: Vec3, front: Vec3) -> Result<
 
 /// A lawn with trees.
 fn park(generator: &mut Generator, kit: &Kit, low: Vec3, high: Vec3) -> Result<(), SceneError> {
-    let lawn = generator.material(matt(0.16, 0.3, 0.08));
     let mut grass = Shapes::new();
     let inset = Vec3::new(4.0, 0.0, 4.0);
     grass.bevelled_slab(low + inset, high - inset + Vec3::Y * 0.12, 0.08);
-    generator.add("lawn", lawn, &grass)?;
+    generator.add("lawn", matt(0.16, 0.3, 0.08), &grass)?;
     let (mut trunks, mut crowns) = (Shapes::new(), Shapes::new());
     for _ in 0..40 {
         let foot = Vec3::new(

@@ -38,10 +38,7 @@ pub(super) fn build(generator: &mut Generator) -> Result<LightAndPath, SceneErro
 }
 
 fn floor(generator: &mut Generator) -> Result<(), SceneError> {
-    let shades = [
-        generator.material(polished(0.62, 0.52, 0.4, 0.5)),
-        generator.material(polished(0.46, 0.3, 0.22, 0.5)),
-    ];
+    let shades = generator.materials([polished(0.62, 0.52, 0.4, 0.5), polished(0.46, 0.3, 0.22, 0.5)]);
     let across = generator.segments(16);
     let step = 2.0 * (HALF + WALK) / across as f32;
     let tiles = chequered(Vec2::splat(-HALF - WALK), [across; 2], Vec2::splat(step), 0.01);
@@ -55,9 +52,7 @@ fn floor(generator: &mut Generator) -> Result<(), SceneError> {
 }
 
 fn arcade(generator: &mut Generator) -> Result<(), SceneError> {
-    let plaster = generator.material(matt(0.78, 0.62, 0.44));
     let marble = generator.material(polished(0.8, 0.78, 0.74, 0.35));
-    let tiles = generator.material(matt(0.55, 0.22, 0.13));
     let (around, rows, arc) = (generator.segments(12), generator.segments(5), generator.segments(8));
     let (mut walls, mut trims, mut roof) = (Shapes::new(), Shapes::new(), Shapes::new());
     let bay = 2.0 * HALF / BAYS as f32;
@@ -92,14 +87,12 @@ fn arcade(generator: &mut Generator) -> Result<(), SceneError> {
             edge(x).lerp(top(x), v) + Vec3::Y * lift
         });
     }
-    generator.add("walls", plaster, &walls)?;
+    generator.add("walls", matt(0.78, 0.62, 0.44), &walls)?;
     generator.add("arch trims", marble, &trims)?;
-    generator.add("roof", tiles, &roof)
+    generator.add("roof", matt(0.55, 0.22, 0.13), &roof)
 }
 
 fn fountain(generator: &mut Generator) -> Result<(), SceneError> {
-    let stone = generator.material(polished(0.7, 0.68, 0.64, 0.4));
-    let water = generator.material(polished(0.03, 0.14, 0.17, 0.03));
     let around = generator.segments(28);
     let profile = [
         (1.75, 0.0),
@@ -126,24 +119,22 @@ fn fountain(generator: &mut Generator) -> Result<(), SceneError> {
     let mut shapes = Shapes::new();
     shapes.turned(Vec3::ZERO, &profile, around);
     shapes.lathe(Vec3::ZERO, &stem.map(|(r, y)| Vec2::new(r, y)), around);
-    generator.add("fountain", stone, &shapes)?;
+    generator.add("fountain", polished(0.7, 0.68, 0.64, 0.4), &shapes)?;
     let rings = generator.segments(12);
     let mut surface = Shapes::new();
     surface.surface(around, rings, true, |u, v| {
         let radius = 1.45 * (1.0 - v);
         on_circle(TAU * u, radius, 0.54 + 0.012 * (radius * 26.0).sin() * v)
     });
-    generator.add("water", water, &surface)
+    generator.add("water", polished(0.03, 0.14, 0.17, 0.03), &surface)
 }
 
 fn tree(generator: &mut Generator) -> Result<(), SceneError> {
-    let bark = generator.material(matt(0.25, 0.16, 0.1));
-    let green = generator.material(matt(0.16, 0.34, 0.08));
     let foot = Vec3::new(3.4, 0.0, -3.4);
     let mut trunk = Shapes::new();
     let line = [(0.0, 0.0, 0.0), (0.05, 0.8, 0.02), (-0.06, 1.6, 0.08), (0.1, 2.5, -0.05)];
     trunk.tube(&line.map(|(x, y, z)| foot + Vec3::new(x, y, z)), 0.13, generator.segments(8));
-    generator.add("trunk", bark, &trunk)?;
+    generator.add("trunk", matt(0.25, 0.16, 0.1), &trunk)?;
     // Leaves are single triangles scattered through a cloud.
     let mut leaves = Shapes::new();
     for _ in 0..generator.count(3600) {
@@ -155,21 +146,17 @@ fn tree(generator: &mut Generator) -> Result<(), SceneError> {
         let mut corner = || middle + generator.within(Vec3::NEG_ONE, Vec3::ONE) * size;
         leaves.triangle(corner(), corner(), corner());
     }
-    generator.add("leaves", green, &leaves)
+    generator.add("leaves", matt(0.16, 0.34, 0.08), &leaves)
 }
 
 fn ornaments(generator: &mut Generator) -> Result<(), SceneError> {
     let segments = generator.segments(28);
-    let gold = generator.material(metal(1.0, 0.76, 0.34, 0.08));
-    let clear = generator.material(glass(0.95, 0.98, 0.97));
-    let iron = generator.material(brass());
-    let flame = generator.material(glow(24.0, 15.0, 7.0));
     let mut ball = Shapes::new();
     ball.sphere(Vec3::new(-2.9, 0.62, 1.4), 0.6, segments, segments / 2);
-    generator.add("gilded ball", gold, &ball)?;
+    generator.add("gilded ball", metal(1.0, 0.76, 0.34, 0.08), &ball)?;
     let mut drop = Shapes::new();
     drop.sphere(Vec3::new(2.2, 0.46, 2.6), 0.45, segments, segments / 2);
-    generator.add("glass ball", clear, &drop)?;
+    generator.add("glass ball", glass(0.95, 0.98, 0.97), &drop)?;
     let (mut lanterns, mut flames) = (Shapes::new(), Shapes::new());
     for (x, z) in [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)] {
         let hook = Vec3::new(x * (HALF + 1.1), EAVES + 0.3, z * (HALF + 1.1));
@@ -177,6 +164,6 @@ fn ornaments(generator: &mut Generator) -> Result<(), SceneError> {
         lanterns.rod(hook, lamp + Vec3::Y * 0.14, 0.01, 4);
         flames.sphere(lamp, 0.13, segments / 2, segments / 4 + 1);
     }
-    generator.add("lantern chains", iron, &lanterns)?;
-    generator.add("lantern lights", flame, &flames)
+    generator.add("lantern chains", brass(), &lanterns)?;
+    generator.add("lantern lights", glow(24.0, 15.0, 7.0), &flames)
 }

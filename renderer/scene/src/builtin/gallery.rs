@@ -47,19 +47,14 @@ pub(super) fn build(generator: &mut Generator) -> Result<LightAndPath, SceneErro
 }
 
 fn room(generator: &mut Generator) -> Result<(), SceneError> {
-    let wall = generator.material(matt(0.42, 0.12, 0.13));
-    let parquet = [
-        generator.material(polished(0.38, 0.22, 0.11, 0.3)),
-        generator.material(polished(0.3, 0.17, 0.08, 0.3)),
-    ];
-    let white = generator.material(matt(0.82, 0.8, 0.76));
+    let parquet = generator.materials([polished(0.38, 0.22, 0.11, 0.3), polished(0.3, 0.17, 0.08, 0.3)]);
     let (x, z) = (HALF_LENGTH, HALF_WIDTH);
     let mut walls = Shapes::new();
     walls.cuboid(Vec3::new(-x, 0.0, -z - 0.3), Vec3::new(x, HEIGHT, -z));
     walls.cuboid(Vec3::new(-x, 0.0, z), Vec3::new(x, HEIGHT, z + 0.3));
     walls.cuboid(Vec3::new(-x - 0.3, 0.0, -z), Vec3::new(-x, HEIGHT, z));
     walls.cuboid(Vec3::new(x, 0.0, -z), Vec3::new(x + 0.3, HEIGHT, z));
-    generator.add("walls", wall, &walls)?;
+    generator.add("walls", matt(0.42, 0.12, 0.13), &walls)?;
     // Long planks in staggered rows, of two shades.
     let mut planks = [Shapes::new(), Shapes::new()];
     let rows = generator.segments(72);
@@ -97,19 +92,17 @@ fn room(generator: &mut Generator) -> Result<(), SceneError> {
             trim.sweep(&section, &ends.map(frame));
         }
     }
-    generator.add("trim", white, &trim)
+    generator.add("trim", matt(0.82, 0.8, 0.76), &trim)
 }
 
 /// Panes between thin bars, the panes left open for the light.
 fn roof(generator: &mut Generator) -> Result<(), SceneError> {
-    let white = generator.material(matt(0.85, 0.85, 0.85));
-    let iron = generator.material(metal(0.3, 0.31, 0.33, 0.4));
     let mut edge = Shapes::new();
     for side in [-1.0_f32, 1.0] {
         let (low, high) = ((side * 2.6).min(side * HALF_WIDTH), (side * 2.6).max(side * HALF_WIDTH));
         edge.cuboid(Vec3::new(-HALF_LENGTH, HEIGHT, low), Vec3::new(HALF_LENGTH, HEIGHT + 0.2, high));
     }
-    generator.add("ceiling", white, &edge)?;
+    generator.add("ceiling", matt(0.85, 0.85, 0.85), &edge)?;
     let mut bars = Shapes::new();
     let ribs = generator.segments(60);
     let arc = generator.segments(24);
@@ -126,7 +119,7 @@ fn roof(generator: &mut Generator) -> Result<(), SceneError> {
             .collect();
         bars.tube(&line, 0.014, 4);
     }
-    generator.add("roof bars", iron, &bars)
+    generator.add("roof bars", metal(0.3, 0.31, 0.33, 0.4), &bars)
 }
 
 /// One picture on a wall: the middle of its canvas, the direction to its right, and its size.
@@ -137,11 +130,11 @@ struct Hanging {
 }
 
 fn pictures(generator: &mut Generator) -> Result<(), SceneError> {
-    let frames = [
-        generator.material(metal(0.95, 0.7, 0.3, 0.25)),
-        generator.material(polished(0.12, 0.06, 0.03, 0.25)),
-        generator.material(metal(0.8, 0.8, 0.82, 0.2)),
-    ];
+    let frames = generator.materials([
+        metal(0.95, 0.7, 0.3, 0.25),
+        polished(0.12, 0.06, 0.03, 0.25),
+        metal(0.8, 0.8, 0.82, 0.2),
+    ]);
     let paints: Vec<u32> =
         PAINTS.iter().map(|(r, g, b)| generator.material(polished(*r, *g, *b, 0.5))).collect();
     let wire = generator.material(steel());
@@ -259,7 +252,6 @@ fn canvas(generator: &mut Generator, hanging: &Hanging, paints: &[u32]) -> Resul
 
 /// A walk along three sides of the room with a balustrade of turned rods.
 fn balcony(generator: &mut Generator) -> Result<(), SceneError> {
-    let wood = generator.material(polished(0.3, 0.17, 0.08, 0.3));
     let brass = generator.material(brass());
     let deep = 1.1;
     let (x, z) = (HALF_LENGTH, HALF_WIDTH);
@@ -267,7 +259,7 @@ fn balcony(generator: &mut Generator) -> Result<(), SceneError> {
     floor.cuboid(Vec3::new(-x, BALCONY - 0.15, -z), Vec3::new(x, BALCONY, -z + deep));
     floor.cuboid(Vec3::new(-x, BALCONY - 0.15, z - deep), Vec3::new(x, BALCONY, z));
     floor.cuboid(Vec3::new(x - deep, BALCONY - 0.15, -z + deep), Vec3::new(x, BALCONY, z - deep));
-    generator.add("balcony", wood, &floor)?;
+    generator.add("balcony", polished(0.3, 0.17, 0.08, 0.3), &floor)?;
     let (around, rows) = (generator.segments(8), generator.segments(9));
     let runs = [
         (Vec3::new(-x, BALCONY, -z + deep), Vec3::new(x - deep, BALCONY, -z + deep)),
@@ -299,9 +291,6 @@ fn balcony(generator: &mut Generator) -> Result<(), SceneError> {
 
 /// A closed curve of wire that winds around a sphere, on a glass stand, with a bench on either side.
 fn sculpture(generator: &mut Generator) -> Result<(), SceneError> {
-    let wire = generator.material(metal(0.95, 0.5, 0.32, 0.15));
-    let stand = generator.material(glass(0.92, 0.97, 0.95));
-    let leather = generator.material(polished(0.1, 0.07, 0.05, 0.35));
     let along = generator.segments(36) * generator.segments(36);
     let line: Vec<Vec3> = (0..=along)
         .map(|index| {
@@ -313,10 +302,10 @@ fn sculpture(generator: &mut Generator) -> Result<(), SceneError> {
         .collect();
     let mut shapes = Shapes::new();
     shapes.tube(&line, 0.01, 6);
-    generator.add("wire sculpture", wire, &shapes)?;
+    generator.add("wire sculpture", metal(0.95, 0.5, 0.32, 0.15), &shapes)?;
     let mut block = Shapes::new();
     block.cuboid(Vec3::new(-0.45, 0.005, -0.45), Vec3::new(0.45, 0.9, 0.45));
-    generator.add("glass stand", stand, &block)?;
+    generator.add("glass stand", glass(0.92, 0.97, 0.95), &block)?;
     let mut benches = Shapes::new();
     for x in [-6.0, 6.0] {
         benches.cuboid(Vec3::new(x - 1.2, 0.4, -0.3), Vec3::new(x + 1.2, 0.52, 0.3));
@@ -324,12 +313,10 @@ fn sculpture(generator: &mut Generator) -> Result<(), SceneError> {
             benches.rod(Vec3::new(x + dx, 0.0, dz), Vec3::new(x + dx, 0.4, dz), 0.025, 8);
         }
     }
-    generator.add("benches", leather, &benches)
+    generator.add("benches", polished(0.1, 0.07, 0.05, 0.35), &benches)
 }
 
 fn spotlights(generator: &mut Generator) -> Result<(), SceneError> {
-    let black = generator.material(Material { roughness: 0.5, ..matt(0.03, 0.03, 0.03) });
-    let warm = generator.material(glow(40.0, 32.0, 22.0));
     let segments = generator.segments(10);
     let (mut bodies, mut bulbs) = (Shapes::new(), Shapes::new());
     for side in [-1.0_f32, 1.0] {
@@ -343,6 +330,6 @@ fn spotlights(generator: &mut Generator) -> Result<(), SceneError> {
             bulbs.sphere(lamp + aim * 0.14, 0.04, segments, segments / 2 + 1);
         }
     }
-    generator.add("spotlights", black, &bodies)?;
-    generator.add("spotlight bulbs", warm, &bulbs)
+    generator.add("spotlights", Material { roughness: 0.5, ..matt(0.03, 0.03, 0.03) }, &bodies)?;
+    generator.add("spotlight bulbs", glow(40.0, 32.0, 22.0), &bulbs)
 }

@@ -35,6 +35,23 @@ pub(super) struct LightAndPath {
     pub(super) keys: Vec<Camera>,
 }
 
+/// A material, or the number of one that is registered.
+pub(super) trait Paint {
+    fn registered(self, generator: &mut Generator) -> u32;
+}
+
+impl Paint for u32 {
+    fn registered(self, _: &mut Generator) -> u32 {
+        self
+    }
+}
+
+impl Paint for Material {
+    fn registered(self, generator: &mut Generator) -> u32 {
+        generator.material(self)
+    }
+}
+
 /// The state of one generator.
 pub(super) struct Generator<'a> {
     pub(super) assembler: &'a mut Assembler,
@@ -90,6 +107,11 @@ impl<'a> Generator<'a> {
         self.assembler.material(material)
     }
 
+    /// Registers materials.
+    pub(super) fn materials<const N: usize>(&mut self, materials: [Material; N]) -> [u32; N] {
+        materials.map(|material| self.material(material))
+    }
+
     /// Adds a picture of `size` pixels by its stored colours, 0 to 1, over texture coordinates.
     pub(super) fn picture(
         &mut self,
@@ -110,7 +132,8 @@ impl<'a> Generator<'a> {
     }
 
     /// Adds shapes as one mesh.
-    pub(super) fn add(&mut self, name: &str, material: u32, shapes: &Shapes) -> Result<(), SceneError> {
+    pub(super) fn add(&mut self, name: &str, paint: impl Paint, shapes: &Shapes) -> Result<(), SceneError> {
+        let material = paint.registered(self);
         self.add_part(name, material, &shapes.part)
     }
 

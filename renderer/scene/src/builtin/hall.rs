@@ -55,8 +55,7 @@ fn floor(generator: &mut Generator) -> Result<(), SceneError> {
     bed.level(Vec2::new(HALF_LENGTH + WALL, OUTER + WALL), -0.03);
     let pale = generator.material(polished(0.72, 0.66, 0.56, 0.22));
     let dark = generator.material(polished(0.16, 0.17, 0.2, 0.16));
-    let mortar = generator.material(matt(0.3, 0.28, 0.25));
-    generator.add("floor bed", mortar, &bed)?;
+    generator.add("floor bed", matt(0.3, 0.28, 0.25), &bed)?;
     generator.add("pale tiles", pale, &tiles[0])?;
     generator.add("dark tiles", dark, &tiles[1])
 }
@@ -118,9 +117,6 @@ fn arcades(generator: &mut Generator) -> Result<(), SceneError> {
 }
 
 fn walls(generator: &mut Generator) -> Result<(), SceneError> {
-    let plaster = generator.material(matt(0.7, 0.6, 0.47));
-    let trim = generator.material(polished(0.8, 0.75, 0.66, 0.5));
-    let iron = generator.material(metal(0.25, 0.24, 0.23, 0.5));
     let arc = generator.segments(20);
     let (mut walls, mut mouldings, mut bars) = (Shapes::new(), Shapes::new(), Shapes::new());
     let window = Opening { middle: BAY * 0.5, half_width: 0.8, sill: 2.6, spring: 5.4 };
@@ -146,14 +142,12 @@ fn walls(generator: &mut Generator) -> Result<(), SceneError> {
     lattice(&mut bars, &far, &great, 9, 0.05);
     let near = -HALF_LENGTH;
     walls.cuboid(Vec3::new(near - WALL, 0.0, -OUTER), Vec3::new(near, CEILING, OUTER));
-    generator.add("outer walls", plaster, &walls)?;
-    generator.add("outer mouldings", trim, &mouldings)?;
-    generator.add("outer window bars", iron, &bars)
+    generator.add("outer walls", matt(0.7, 0.6, 0.47), &walls)?;
+    generator.add("outer mouldings", polished(0.8, 0.75, 0.66, 0.5), &mouldings)?;
+    generator.add("outer window bars", metal(0.25, 0.24, 0.23, 0.5), &bars)
 }
 
 fn ceiling(generator: &mut Generator) -> Result<(), SceneError> {
-    let wood = generator.material(polished(0.32, 0.19, 0.1, 0.45));
-    let beams = generator.material(matt(0.24, 0.15, 0.09));
     let across = 7;
     let along = 32;
     let half = Vec2::new(HALF_LENGTH / along as f32, (ROW - WALL * 0.5) / across as f32);
@@ -177,8 +171,8 @@ fn ceiling(generator: &mut Generator) -> Result<(), SceneError> {
             roof.cuboid(Vec3::new(x - 0.09, AISLE - 0.28, low), Vec3::new(x + 0.09, AISLE, high));
         }
     }
-    generator.add("coffered ceiling", wood, &coffers)?;
-    generator.add("aisle roofs", beams, &roof)
+    generator.add("coffered ceiling", polished(0.32, 0.19, 0.1, 0.45), &coffers)?;
+    generator.add("aisle roofs", matt(0.24, 0.15, 0.09), &roof)
 }
 
 fn lamps(generator: &mut Generator) -> Result<(), SceneError> {
@@ -211,10 +205,6 @@ fn lamps(generator: &mut Generator) -> Result<(), SceneError> {
 }
 
 fn furniture(generator: &mut Generator) -> Result<(), SceneError> {
-    let oak = generator.material(polished(0.36, 0.2, 0.1, 0.4));
-    let marble = generator.material(polished(0.85, 0.83, 0.8, 0.2));
-    let gold = generator.material(metal(1.0, 0.74, 0.32, 0.12));
-    let carpet = generator.material(matt(0.42, 0.05, 0.05));
     let mut benches = Shapes::new();
     for side in [-1.0_f32, 1.0] {
         for row in 0..9 {
@@ -227,10 +217,10 @@ fn furniture(generator: &mut Generator) -> Result<(), SceneError> {
             }
         }
     }
-    generator.add("benches", oak, &benches)?;
+    generator.add("benches", polished(0.36, 0.2, 0.1, 0.4), &benches)?;
     let mut runner = Shapes::new();
     runner.bevelled_slab(Vec3::new(-HALF_LENGTH + 0.5, 0.0, -0.8), Vec3::new(11.0, 0.015, 0.8), 0.01);
-    generator.add("carpet", carpet, &runner)?;
+    generator.add("carpet", matt(0.42, 0.05, 0.05), &runner)?;
     let (around, along, thick) = (generator.segments(48), generator.segments(420), generator.segments(16));
     let mut pedestal = Shapes::new();
     let profile =
@@ -238,7 +228,7 @@ fn furniture(generator: &mut Generator) -> Result<(), SceneError> {
     let foot = Vec3::new(14.0, 0.0, 0.0);
     pedestal.turned(foot, &profile, around);
     pedestal.disc(foot + Vec3::Y * 1.6, 0.8, around);
-    generator.add("pedestal", marble, &pedestal)?;
+    generator.add("pedestal", polished(0.85, 0.83, 0.8, 0.2), &pedestal)?;
     // A knot of gilded bronze: the line of a trefoil with a thick round body.
     let line: Vec<Vec3> = (0..=along)
         .map(|index| {
@@ -249,5 +239,5 @@ fn furniture(generator: &mut Generator) -> Result<(), SceneError> {
         .collect();
     let mut knot = Shapes::new();
     knot.tube(&line, 0.19, thick);
-    generator.add("gilded knot", gold, &knot)
+    generator.add("gilded knot", metal(1.0, 0.74, 0.32, 0.12), &knot)
 }

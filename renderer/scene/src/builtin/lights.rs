@@ -23,19 +23,23 @@ fn night(level: f32) -> Sky {
 
 /// Stalls in rows, a string of lanterns over each. Lanterns are of many sizes and colours.
 pub(super) fn market(generator: &mut Generator) -> Result<LightAndPath, SceneError> {
-    let shades = [matt(0.34, 0.3, 0.27), matt(0.22, 0.2, 0.19)].map(|shade| generator.material(shade));
+    let shades = generator.materials([matt(0.34, 0.3, 0.27), matt(0.22, 0.2, 0.19)]);
     let tiles = chequered(Vec2::splat(-MARKET), [generator.segments(120); 2], Vec2::splat(0.5), 0.01);
     for (shapes, material) in tiles.iter().zip(shades) {
         generator.add("paving", material, shapes)?;
     }
-    let wood = generator.material(matt(0.4, 0.26, 0.15));
-    let cloths =
-        [matt(0.6, 0.12, 0.1), matt(0.75, 0.68, 0.5), matt(0.12, 0.3, 0.38), polished(0.5, 0.35, 0.1, 0.4)]
-            .map(|cloth| generator.material(cloth));
-    let lights = [glow(30.0, 17.0, 7.0), glow(12.0, 13.0, 16.0), glow(40.0, 8.0, 3.0), glow(6.0, 18.0, 9.0)]
-        .map(|light| generator.material(light));
-    let fruit = generator.material(polished(0.7, 0.3, 0.06, 0.25));
-    let iron = generator.material(brass());
+    let cloths = generator.materials([
+        matt(0.6, 0.12, 0.1),
+        matt(0.75, 0.68, 0.5),
+        matt(0.12, 0.3, 0.38),
+        polished(0.5, 0.35, 0.1, 0.4),
+    ]);
+    let lights = generator.materials([
+        glow(30.0, 17.0, 7.0),
+        glow(12.0, 13.0, 16.0),
+        glow(40.0, 8.0, 3.0),
+        glow(6.0, 18.0, 9.0),
+    ]);
     let (mut posts, mut chains, mut heaps) = (Shapes::new(), Shapes::new(), Shapes::new());
     let mut canvas = [(); 4].map(|()| Shapes::new());
     let mut lanterns = [(); 4].map(|()| Shapes::new());
@@ -67,9 +71,9 @@ pub(super) fn market(generator: &mut Generator) -> Result<LightAndPath, SceneErr
             }
         }
     }
-    generator.add("posts", wood, &posts)?;
-    generator.add("chains", iron, &chains)?;
-    generator.add("fruit", fruit, &heaps)?;
+    generator.add("posts", matt(0.4, 0.26, 0.15), &posts)?;
+    generator.add("chains", brass(), &chains)?;
+    generator.add("fruit", polished(0.7, 0.3, 0.06, 0.25), &heaps)?;
     for (shapes, material) in canvas.iter().zip(cloths) {
         generator.add("canvas", material, shapes)?;
     }
@@ -87,12 +91,6 @@ pub(super) fn market(generator: &mut Generator) -> Result<LightAndPath, SceneErr
 
 /// A closed room with two small windows; behind a screen with a slit stands a lamp.
 pub(super) fn loft(generator: &mut Generator) -> Result<LightAndPath, SceneError> {
-    let plaster = generator.material(matt(0.75, 0.72, 0.66));
-    let boards = generator.material(polished(0.45, 0.3, 0.18, 0.35));
-    let frames = generator.material(matt(0.85, 0.85, 0.82));
-    let screen = generator.material(matt(0.5, 0.2, 0.16));
-    let flame = generator.material(glow(60.0, 44.0, 26.0));
-    let vase = generator.material(polished(0.1, 0.25, 0.45, 0.1));
     let mut walls = Shapes::new();
     let thick = 0.25;
     let corner = |x: f32, y: f32, z: f32| Vec3::new(x, y, z) * LOFT;
@@ -108,14 +106,14 @@ pub(super) fn loft(generator: &mut Generator) -> Result<LightAndPath, SceneError
     }
     walls.cuboid(corner(1.0, 0.0, -1.0), corner(1.0, sill, 1.0) + Vec3::X * thick);
     walls.cuboid(corner(1.0, head, -1.0), corner(1.0, 1.0, 1.0) + Vec3::X * thick);
-    generator.add("walls", plaster, &walls)?;
+    generator.add("walls", matt(0.75, 0.72, 0.66), &walls)?;
     let mut bars = Shapes::new();
     for (low, high) in [(-0.62, -0.44), (0.3, 0.48)] {
         let middle = (low + high) * 0.5;
         bars.rod(corner(1.02, sill, middle), corner(1.02, head, middle), 0.03, generator.segments(8));
         bars.rod(corner(1.02, 0.6, low), corner(1.02, 0.6, high), 0.03, generator.segments(8));
     }
-    generator.add("window bars", frames, &bars)?;
+    generator.add("window bars", matt(0.85, 0.85, 0.82), &bars)?;
     let mut floor = Shapes::new();
     let planks = generator.segments(36);
     for plank in 0..planks {
@@ -123,17 +121,17 @@ pub(super) fn loft(generator: &mut Generator) -> Result<LightAndPath, SceneError
         let high = 0.02 + generator.between(0.0, 0.004);
         floor.cuboid(corner(at(plank), 0.0, -1.0), corner(at(plank + 1) - 0.004, 0.0, 1.0) + Vec3::Y * high);
     }
-    generator.add("planks", boards, &floor)?;
+    generator.add("planks", polished(0.45, 0.3, 0.18, 0.35), &floor)?;
     let mut panels = Shapes::new();
     for (low, high) in [(-0.98, -0.62), (-0.6, -0.2)] {
         panels.cuboid(corner(low, 0.0, -0.62), corner(high, 0.72, -0.6));
     }
     panels.cuboid(corner(-0.98, 0.72, -0.98), corner(-0.2, 0.74, -0.6));
     panels.cuboid(corner(-0.21, 0.0, -0.98), corner(-0.2, 0.72, -0.6));
-    generator.add("screen", screen, &panels)?;
+    generator.add("screen", matt(0.5, 0.2, 0.16), &panels)?;
     let mut lamp = Shapes::new();
     lamp.sphere(corner(-0.6, 0.4, -0.85), 0.12, generator.segments(16), generator.segments(8));
-    generator.add("lamp", flame, &lamp)?;
+    generator.add("lamp", glow(60.0, 44.0, 26.0), &lamp)?;
     let mut vases = Shapes::new();
     for index in 0..5 {
         let around = generator.segments(40);
@@ -142,7 +140,7 @@ pub(super) fn loft(generator: &mut Generator) -> Result<LightAndPath, SceneError
         let profile = [(0.6, 0.0), (1.0, 0.8), (0.9, 1.4), (0.35, 2.0), (0.5, 2.6)];
         vases.lathe(foot, &profile.map(|(radius, high)| Vec2::new(radius, high) * belly), around);
     }
-    generator.add("vases", vase, &vases)?;
+    generator.add("vases", polished(0.1, 0.25, 0.45, 0.1), &vases)?;
     let keys = vec![
         key([-3.2, 1.7, 4.4], [1.2, 1.1, -1.4], 60.0),
         key([-3.4, 1.6, 0.6], [2.0, 1.2, 0.4], 60.0),

@@ -28,11 +28,10 @@ const WAVES: [(f32, f32, f32, f32); 6] = [
 
 pub(super) fn build(generator: &mut Generator) -> Result<LightAndPath, SceneError> {
     let time = generator.options.time.rem_euclid(1.0);
-    let water = generator.material(polished(0.012, 0.05, 0.065, 0.08));
     let side = generator.segments(280);
     let mut sea = Shapes::new();
     sea.surface(side, side, false, |u, v| surface(Vec2::new((u - 0.5) * SIZE, (0.5 - v) * SIZE), time));
-    generator.add("sea", water, &sea)?;
+    generator.add("sea", polished(0.012, 0.05, 0.065, 0.08), &sea)?;
     lighthouse(generator)?;
     boats(generator, time)?;
     let sky = sunny([0.2, 0.34, 0.62], [0.95, 0.78, 0.6], [-0.8, 0.32, -0.4], [3.4, 2.6, 1.7]);
@@ -59,10 +58,8 @@ fn surface(at: Vec2, time: f32) -> Vec3 {
 }
 
 fn lighthouse(generator: &mut Generator) -> Result<(), SceneError> {
-    let rock = generator.material(matt(0.2, 0.18, 0.16));
     let white = generator.material(matt(0.8, 0.78, 0.74));
     let red = generator.material(matt(0.62, 0.07, 0.05));
-    let lamp = generator.material(glow(80.0, 66.0, 40.0));
     let seed = generator.options.seed;
     let (around, rows) = (generator.segments(90), generator.segments(50));
     let mut island = Shapes::new();
@@ -72,7 +69,7 @@ fn lighthouse(generator: &mut Generator) -> Result<(), SceneError> {
         let flat = 1.0 - v.powi(6);
         Vec3::new(at.x * 7.5 * rough, -3.0 + at.y * (5.4 + 0.8 * (rough - 0.8) * flat), at.z * 6.5 * rough)
     });
-    generator.add("rock", rock, &island)?;
+    generator.add("rock", matt(0.2, 0.18, 0.16), &island)?;
     let segments = generator.segments(40);
     for band in 0..5 {
         let radius = |at: usize| 1.35 - 0.11 * at as f32;
@@ -93,16 +90,12 @@ fn lighthouse(generator: &mut Generator) -> Result<(), SceneError> {
     generator.add("lantern", red, &top)?;
     let mut bulb = Shapes::new();
     bulb.sphere(Vec3::Y * 10.3, 0.32, generator.segments(16), generator.segments(10));
-    generator.add("lamp", lamp, &bulb)
+    generator.add("lamp", glow(80.0, 66.0, 40.0), &bulb)
 }
 
 fn boats(generator: &mut Generator, time: f32) -> Result<(), SceneError> {
     let wood = generator.material(polished(0.3, 0.16, 0.08, 0.4));
-    let sails = [
-        generator.material(matt(0.82, 0.78, 0.68)),
-        generator.material(matt(0.7, 0.2, 0.1)),
-        generator.material(matt(0.16, 0.28, 0.42)),
-    ];
+    let sails = generator.materials([matt(0.82, 0.78, 0.68), matt(0.7, 0.2, 0.1), matt(0.16, 0.28, 0.42)]);
     let (hull, sail) = boat(generator);
     for number in 0..generator.count(BOATS) {
         // Each goes round the lighthouse on a circle of its own, some the other way.

@@ -45,23 +45,20 @@ const POLES: [(IVec3, bool); 6] = [
 
 /// A bust whose hair the wind blows aside; strands are bent strips that taper to a point.
 pub(super) fn hair(generator: &mut Generator) -> Result<LightAndPath, SceneError> {
-    let skin = generator.material(polished(0.56, 0.35, 0.26, 0.5));
-    let ground = generator.material(matt(0.42, 0.43, 0.45));
-    let shades = [
+    let shades = generator.materials([
         polished(0.1, 0.05, 0.025, 0.35),
         polished(0.22, 0.11, 0.05, 0.35),
         polished(0.45, 0.22, 0.08, 0.35),
-    ]
-    .map(|shade| generator.material(shade));
+    ]);
     let (around, rings) = (generator.segments(64), generator.segments(40));
     let (mut bust, mut floor) = (Shapes::new(), Shapes::new());
     bust.sphere(HEAD, 1.0, around, rings);
     let profile = [(1.7, 0.0), (1.6, 0.6), (0.9, 1.3), (0.5, 1.7), (0.48, 2.3)]
         .map(|(radius, height)| Vec2::new(radius, height));
     bust.lathe(Vec3::ZERO, &profile, around);
-    generator.add("bust", skin, &bust)?;
+    generator.add("bust", polished(0.56, 0.35, 0.26, 0.5), &bust)?;
     floor.level(Vec2::splat(14.0), 0.0);
-    generator.add("ground", ground, &floor)?;
+    generator.add("ground", matt(0.42, 0.43, 0.45), &floor)?;
     let mut strands = [(); 3].map(|()| Shapes::new());
     for strand in 0..generator.count(STRANDS) {
         // From the upper half of the head, which leans back from the face.
@@ -97,13 +94,12 @@ pub(super) fn hair(generator: &mut Generator) -> Result<LightAndPath, SceneError
 
 /// A yard between walls: cables sag from post to post, every eighth a bundle of six wound about one.
 pub(super) fn cables(generator: &mut Generator) -> Result<LightAndPath, SceneError> {
-    let paving = [matt(0.46, 0.43, 0.4), matt(0.36, 0.34, 0.33)].map(|shade| generator.material(shade));
-    let brick = generator.material(matt(0.5, 0.26, 0.19));
-    let wood = generator.material(matt(0.3, 0.2, 0.13));
-    let flame = generator.material(glow(30.0, 22.0, 13.0));
-    let coats =
-        [polished(0.03, 0.03, 0.035, 0.4), metal(0.9, 0.5, 0.34, 0.3), polished(0.5, 0.07, 0.05, 0.4)]
-            .map(|coat| generator.material(coat));
+    let paving = generator.materials([matt(0.46, 0.43, 0.4), matt(0.36, 0.34, 0.33)]);
+    let coats = generator.materials([
+        polished(0.03, 0.03, 0.035, 0.4),
+        metal(0.9, 0.5, 0.34, 0.3),
+        polished(0.5, 0.07, 0.05, 0.4),
+    ]);
     let tiles = [generator.segments(24), generator.segments(14)];
     let step = Vec2::new(2.0 * YARD.x / tiles[0] as f32, 2.0 * YARD.z / tiles[1] as f32);
     for (shapes, shade) in chequered(Vec2::new(-YARD.x, -YARD.z), tiles, step, 0.01).iter().zip(paving) {
@@ -114,7 +110,7 @@ pub(super) fn cables(generator: &mut Generator) -> Result<LightAndPath, SceneErr
     walls.cuboid(low - Vec3::Z * 0.4, high.with_z(low.z));
     walls.cuboid(low.with_z(high.z), high + Vec3::Z * 0.4);
     walls.cuboid(low.with_x(high.x), high + Vec3::X * 0.4);
-    generator.add("walls", brick, &walls)?;
+    generator.add("walls", matt(0.5, 0.26, 0.19), &walls)?;
     let (mut posts, mut lamps, mut arms) = (Shapes::new(), Shapes::new(), Vec::new());
     let (around, rings) = (generator.segments(10), generator.segments(6));
     for (row, column) in (0..20).map(|post| (post / 4, post % 4)) {
@@ -127,8 +123,8 @@ pub(super) fn cables(generator: &mut Generator) -> Result<LightAndPath, SceneErr
         lamps.sphere(top + arm - Vec3::Y * 0.25, 0.17, around, rings);
         arms.push((top, arm));
     }
-    generator.add("posts", wood, &posts)?;
-    generator.add("lamps", flame, &lamps)?;
+    generator.add("posts", matt(0.3, 0.2, 0.13), &posts)?;
+    generator.add("lamps", glow(30.0, 22.0, 13.0), &lamps)?;
     let mut cables = [(); 3].map(|()| Shapes::new());
     for line in 0..generator.count(LINES) {
         let first = generator.below(arms.len());

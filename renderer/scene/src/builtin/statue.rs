@@ -196,7 +196,6 @@ fn arm(generator: &mut Generator, seed: u64, side: f32, material: u32) -> Result
 }
 
 fn pedestal(generator: &mut Generator) -> Result<(), SceneError> {
-    let stone = generator.material(polished(0.22, 0.2, 0.19, 0.18));
     let around = generator.segments(96);
     let profile = [
         (1.75, 0.0),
@@ -214,16 +213,11 @@ fn pedestal(generator: &mut Generator) -> Result<(), SceneError> {
     let mut shapes = Shapes::new();
     shapes.turned(Vec3::ZERO, &profile, around);
     shapes.disc(Vec3::Y * PEDESTAL, 1.08, around);
-    generator.add("pedestal", stone, &shapes)
+    generator.add("pedestal", polished(0.22, 0.2, 0.19, 0.18), &shapes)
 }
 
 fn rotunda(generator: &mut Generator) -> Result<(), SceneError> {
-    let plaster = generator.material(matt(0.68, 0.56, 0.43));
-    let dome_stone = generator.material(matt(0.7, 0.66, 0.6));
-    let tiles = [
-        generator.material(polished(0.5, 0.42, 0.34, 0.2)),
-        generator.material(polished(0.24, 0.12, 0.1, 0.2)),
-    ];
+    let tiles = generator.materials([polished(0.5, 0.42, 0.34, 0.2), polished(0.24, 0.12, 0.1, 0.2)]);
     // The drum is a wall of flat niches between half columns.
     let (around, rows) = (generator.segments(192), generator.segments(24));
     let mut drum = Shapes::new();
@@ -234,7 +228,7 @@ fn rotunda(generator: &mut Generator) -> Result<(), SceneError> {
         let radius = ROOM + 0.45 * niche - 0.22 * half_column;
         on_circle(-TAU * u, radius, v * DRUM)
     });
-    generator.add("drum", plaster, &drum)?;
+    generator.add("drum", matt(0.68, 0.56, 0.43), &drum)?;
     // Coffers in rings up to the eye, each a shallow box in the shell.
     let (around, rows) = (generator.segments(224), generator.segments(80));
     let mut dome = Shapes::new();
@@ -248,7 +242,7 @@ fn rotunda(generator: &mut Generator) -> Result<(), SceneError> {
         let radius = ROOM + deep;
         Vec3::new(sin * out * radius, DRUM + lift * radius, cos * out * radius)
     });
-    generator.add("dome", dome_stone, &dome)?;
+    generator.add("dome", matt(0.7, 0.66, 0.6), &dome)?;
     let rings = generator.segments(14);
     let mut floor = [Shapes::new(), Shapes::new()];
     for ring in 0..rings {
@@ -273,8 +267,6 @@ fn rotunda(generator: &mut Generator) -> Result<(), SceneError> {
 }
 
 fn sconces(generator: &mut Generator) -> Result<(), SceneError> {
-    let metal = generator.material(brass());
-    let light = generator.material(glow(90.0, 62.0, 34.0));
     let segments = generator.segments(16);
     let (mut bowls, mut flames) = (Shapes::new(), Shapes::new());
     for index in 0..8 {
@@ -283,6 +275,6 @@ fn sconces(generator: &mut Generator) -> Result<(), SceneError> {
         bowls.lathe(foot, &bowl, segments);
         flames.sphere(foot + Vec3::Y * 0.1, 0.11, segments, segments / 2 + 2);
     }
-    generator.add("sconces", metal, &bowls)?;
-    generator.add("sconce lights", light, &flames)
+    generator.add("sconces", brass(), &bowls)?;
+    generator.add("sconce lights", glow(90.0, 62.0, 34.0), &flames)
 }

@@ -73,28 +73,25 @@ fn upright(seed: u64, x: f32, z: f32) -> Vec3 {
 }
 
 fn ground(generator: &mut Generator, seed: u64) -> Result<(), SceneError> {
-    let soil = generator.material(matt(0.15, 0.16, 0.06));
-    let bed = generator.material(matt(0.1, 0.1, 0.07));
-    let water = generator.material(polished(0.012, 0.03, 0.034, 0.03));
     let side = generator.segments(210);
     let mut land = Shapes::new();
     land.surface(side, side, false, |u, v| {
         let (x, z) = ((u - 0.5) * GROUND, (0.5 - v) * GROUND);
         Vec3::new(x, height(seed, x, z), z)
     });
-    generator.add("ground", soil, &land)?;
+    generator.add("ground", matt(0.15, 0.16, 0.06), &land)?;
     let mut lake = Shapes::new();
     let waves = generator.segments(90);
     lake.surface(waves, waves, false, |u, v| {
         let (x, z) = ((u - 0.5) * 100.0, (0.5 - v) * 100.0);
         Vec3::new(x, WATER + 0.012 * octaves(seed + 11, Vec3::new(x * 0.9, 0.0, z * 0.5), 3), z)
     });
-    generator.add("lake", water, &lake)?;
+    generator.add("lake", polished(0.012, 0.03, 0.034, 0.03), &lake)?;
     // The ground ends somewhere: a skirt hides that it is thin.
     let mut skirt = Shapes::new();
     let half = GROUND * 0.5;
     skirt.open_cuboid(Vec3::new(-half, -60.0, -half), Vec3::new(half, -12.0, half), false);
-    generator.add("rock below", bed, &skirt)
+    generator.add("rock below", matt(0.1, 0.1, 0.07), &skirt)
 }
 
 /// Where a plant of a kind may stand, and how often.
