@@ -1,13 +1,11 @@
 //! Gives the linker the folder of Embree, and dependents the folder where the loader will find it.
 //!
-//! `make setup` leaves `target/native/embree/lib/libembree4.so`; `EMBREE_DIR` names another
-//! installation. The run path is that of the real file behind the link, since the loader asks for the
-//! library by its own name (SONAME), which lies beside the real file. A build script can set a run path
-//! only for its own package, so the folder is handed on as `DEP_TREEWRIGHT_EMBREE_LIB_DIR`.
+//! `make setup` leaves `target/native/embree/lib/libembree4.so`; `EMBREE_DIR` names another installation. The
+//! loader asks for the library by its SONAME, beside the real file. The folder is handed on as
+//! `DEP_TREEWRIGHT_EMBREE_LIB_DIR`.
 //!
-//! `TREEWRIGHT_KERNELS=native` compiles the queries, the greatest part of the crate, for this machine's
-//! instruction set alone, which takes a third of the time (`make demo`). `present` compiles them for each
-//! instruction set that this machine has, so that tests can run them. Without it, they are compiled for all.
+//! `TREEWRIGHT_KERNELS=native` compiles the queries for this machine's instruction set alone, in a third of
+//! the time (`make demo`); `present` for each that this machine has; by default for all.
 
 use std::env;
 use std::path::{Path, PathBuf};

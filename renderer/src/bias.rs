@@ -1,16 +1,12 @@
 //! The guard of light sampling: whether the means of a picture's squares are what they should be.
 //!
-//! Ways to sample light may differ in noise alone. Each is compared with the plain one, square by square and
-//! in the whole. The standard errors come from two halves of the samples, which are drawn independently.
-//! Bright dots are rare, and a square that has none by chance would seem to have little noise. So the noise
-//! of a square counts as at least the picture's mean noise, relative to brightness. No dot is left out: what
-//! one way finds in few dots another may find everywhere, and then means without the dots differ.
+//! Each way is compared with the plain one, square by square and in the whole, by standard errors of two
+//! independent halves. Bright dots are rare, so a square's noise counts as at least the picture's mean,
+//! relative to brightness. No dot is left out, for another way may find it everywhere.
 //!
-//! A look has a false alarm in fewer than one of a hundred trials. By Bonferroni's inequality 3.7 standard
-//! errors would do for 49 normal means; five leave room for skewed ones. An alarm counts only if a second
-//! look, with other random numbers on both sides, finds the same square off in the same direction: fewer
-//! than one of 10,000. Where fewer than some five dots bring much of a whole picture's light, false alarms
-//! are more frequent.
+//! A look has a false alarm in fewer than one of a hundred trials: five standard errors leave room for skewed
+//! means where Bonferroni's inequality asks for 3.7. An alarm counts only if a second look finds the same
+//! square off in the same direction.
 
 use std::fmt;
 

@@ -1,9 +1,8 @@
 //! Comparing acceleration structures: all of them in each round, one after the other.
 //!
-//! The speed of a machine drifts by more than the differences of interest. Contenders are therefore measured
-//! interleaved, and each round begins with another one. Results are ratios within rounds, of times without
-//! the waits of threads for processors that other programs held ([`FrameTimes::undelayed`]). Contenders that
-//! are equal work under two names are measured once.
+//! The speed of a machine drifts, so contenders are measured interleaved, and each round begins with another
+//! one. Results are ratios within rounds, of times without waits ([`FrameTimes::undelayed`]). Equal
+//! contenders are measured once.
 
 use std::time::Instant;
 

@@ -1,11 +1,9 @@
 //! The differences from one process to the next.
 //!
-//! The layout of memory and the placement of pages are those of a process, and make a structure some per cent
-//! faster or slower as long as it lives. Rounds of one process have all of that in common, so that an
-//! interval of theirs is too narrow. Here ratios are of rounds of two processes, with a variance between
-//! them, as in a random-effects model (DerSimonian and Laird, Meta-analysis in clinical trials, 1986). Two
-//! values tell little of a variance; so all contenders of a table tell it together, and a pair that differs
-//! by more than they do counts by itself.
+//! The layout of memory makes a structure some per cent faster or slower as long as a process lives. Here
+//! ratios are of rounds of two processes, with a variance between them, as in a random-effects model
+//! (DerSimonian and Laird, 1986). All contenders of a table tell that variance together, and a pair that
+//! differs by more than they do counts by itself.
 
 use serde::Serialize;
 

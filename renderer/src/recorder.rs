@@ -1,11 +1,9 @@
 //! Records the rays of a frame: an [`Intersector`] in front of another one that writes down its queries.
 //!
-//! The path tracer does not know that it is watched, so the rays are those of a real frame, path by path on
-//! one thread, in the order of pixels in which a renderer hands them out in packets. The class of a ray
-//! follows from the order of a path's queries: its first ray starts at the camera's eye, every further one is
-//! a bounce, and shadow rays belong to the point before them. Rays that only ask whether they reach the sky
-//! count as shadow rays. Rays that go on behind a thin sheet in the same direction are continuations and
-//! left out.
+//! The rays are those of a real frame, path by path on one thread, in the order of pixels. The class of a ray
+//! follows from the order of a path's queries: its first ray starts at the camera's eye, further ones are
+//! bounces, and shadow rays belong to the point before them. Rays that only ask for the sky count as shadow
+//! rays; continuations behind a thin sheet are left out.
 
 use std::sync::{Mutex, PoisonError};
 

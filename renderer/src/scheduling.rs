@@ -1,10 +1,9 @@
 //! Processor times of threads: the time that they ran, and the time that they were ready to run but had to
 //! wait.
 //!
-//! The clock on the wall counts the waits too. Where other programs run beside a frame the waits are most of
-//! the difference from one frame to the next, and say nothing of the measured structure. Linux gives
-//! each thread's run-queue delay (`/proc/PID/task/TID/schedstat`, the second number, in nanoseconds;
-//! Documentation/scheduler/sched-stats.rst). The time of a frame without it follows: see [`undelayed_ms`].
+//! Beside other programs the waits are most of the difference between frames. Linux gives each thread's
+//! run-queue delay (`/proc/PID/task/TID/schedstat`, the second number, in nanoseconds;
+//! Documentation/scheduler/sched-stats.rst). The time of a frame without it: see [`undelayed_ms`].
 
 use std::{fs::File, os::unix::fs::FileExt as _};
 

@@ -1,9 +1,8 @@
 //! Structures that are kept for later trials of their choice.
 //!
-//! A search measures its leaders again and again. Where one tree serves a thousand frames, its build takes
-//! the time of twenty frames and hardly changes the cost, so a kept tree is used again. Trees of one choice
-//! differ from build to build by one to three percent, though. So each serves a few trials and is then
-//! rebuilt: the differences between builds stay in the measurements.
+//! A search measures its leaders again and again, and a slow build hardly changes their cost. Trees of one
+//! choice differ from build to build by one to three percent, though. So each serves a few trials and is then
+//! rebuilt.
 
 use std::sync::OnceLock;
 

@@ -1,11 +1,9 @@
 //! From radiance to colours on a screen: a tone curve that keeps bright places from burning out.
 //!
-//! AgX of Troy Sobotka, the view that Blender takes since 4.0. Colours are drawn towards grey a little, so
-//! that they run into white instead of into the nearest pure colour. Then they pass a film-like curve over
-//! 16.5 stops of their logarithm. The curve is the polynomial that Benjamin Wrensch fitted ("Minimal AgX
-//! Implementation", 2023), with his look of more contrast and colour ("punchy"), without which paint and
-//! roofs are pale. The primaries are those of Blender's version (ITU-R BT.2020). The result goes through the
-//! transfer function of sRGB (IEC 61966-2-1).
+//! AgX of Troy Sobotka, the view that Blender takes since 4.0: colours drawn towards grey a little, and a
+//! film-like curve over 16.5 stops, as fitted by Benjamin Wrensch ("Minimal AgX Implementation", 2023) with
+//! his "punchy" look. The primaries are Blender's (ITU-R BT.2020). The result goes through the transfer
+//! function of sRGB (IEC 61966-2-1).
 
 use glam::{Mat3, Vec3};
 

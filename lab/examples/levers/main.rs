@@ -1,6 +1,5 @@
-//! The gain of choosing a lever's way for each scene, in paired rounds. Levers: ways to sample light, by the
-//! time to an error of a tenth, ways to follow motion, by the mean frame of an episode, and trees that serve
-//! some frames, by the time of whole sessions (see `sessions`).
+//! The gain of choosing a lever's way for each scene, in paired rounds: ways to sample light, ways to follow
+//! motion, and trees that serve some frames (see `sessions`).
 //!
 //! `cargo run --release -p treewright-lab --example levers -- --lever light|follow|sessions [--rounds N]
 //! [--width N] [--frames N] [--each] [--winners FOLDER] [--session-frames N] [--trials N] [--weigh-gain]

@@ -1,6 +1,6 @@
-//! Whole sessions in which the geometry changes every N frames and a tree serves those between: the time with
-//! one fixed structure, with the recommended start, with the service and its search, and what knowing N, or
-//! swapping trees without knowing it, could win.
+//! Whole sessions in which the geometry changes every N frames and a tree serves those between: with one
+//! fixed structure, with the recommended start, with the service and its search, and with what knowing N, or
+//! swapping trees, could win.
 //!
 //! The service is the tuner itself in one study of the objective `auto`, with its default policy, and one for
 //! each number of threads. It serves one session after the other, so that later ones profit from earlier

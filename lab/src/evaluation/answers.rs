@@ -1,11 +1,9 @@
 //! The predictors of the core, taught the searches of some cameras and asked about others.
 //!
-//! Nothing of the service's policy takes part: each predictor is taught every iteration and answers for
-//! itself. The RBF model has three further entrants, which choose among other candidates than the product's
-//! model keeps. Two choose among the last iterations of the searches, as the paper does (section 7.1.2), with
-//! the model taught all iterations or those alone. One chooses among everything that was tried. The last
-//! entrant is the service as it answers: a study with the default policy, to which a client brings these
-//! iterations. States, portfolio and proof take part there.
+//! Each predictor is taught every iteration and answers for itself. The RBF model has three further entrants:
+//! two choose among the last iterations of the searches, as the paper does (section 7.1.2), taught all or
+//! those alone, one among everything. The last entrant is the service as it answers: a study with the default
+//! policy.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;

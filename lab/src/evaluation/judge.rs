@@ -1,13 +1,9 @@
 //! The speed of predictors' answers, from a record alone (paper, section 7).
 //!
-//! At every camera that examines, the configuration that a predictor answered is held against four others.
-//! One is the mean of the search's iterations (Figures 12 and 15). One is the best that the search found (the
-//! roofline, Figures 13 and 16). The others are the best fixed configuration by the cameras that teach, and
-//! the recommended default. A search's best of eighty measurements is partly luck; so it was measured again
-//! in shared rounds with the answers, and that measurement counts here. The single measurement, which is the
-//! paper's roofline, stands beside it. Those rounds also hold the default, the best fixed configurations and
-//! the best of a search on its way. In older records the first two are held against the roofline in other
-//! rounds.
+//! At every camera that examines, an answer is held against the mean of the search's iterations (Figures 12
+//! and 15), the best that the search found (the roofline, Figures 13 and 16), the best fixed configuration by
+//! the cameras that teach, and the recommended default. A search's best of eighty is partly luck; so it was
+//! measured again in shared rounds with the answers. The paper's single measurement stands beside it.
 
 use std::collections::BTreeMap;
 

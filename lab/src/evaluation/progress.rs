@@ -1,10 +1,6 @@
 //! Error of the tuner against run time: the cost of the best configuration so far over that of the roofline,
-//! after each milestone of trials, beside the answers without a search.
-//!
-//! All costs are of shared, interleaved rounds: a search's best at each milestone was measured again there,
-//! as were the roofline, the default, the best fixed configuration and the predictors' answers. The least of
-//! many single measurements, which guides the search itself, is partly luck and is not used here. Where a
-//! record lacks those rounds there is no cost.
+//! after each milestone of trials, beside the answers without a search. All costs are of shared, interleaved
+//! rounds, since the least of many single measurements is partly luck.
 
 use serde::Serialize;
 use treewright_renderer::{statistics::quantile, tuning::objective::Objective};

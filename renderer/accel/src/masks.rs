@@ -1,9 +1,7 @@
 //! Triangles with holes: an alpha test during traversal, so that leaf cards and fences let rays through.
 //!
-//! A mask is the alpha channel of an image with a cutoff. A triangle that has one is a [`Card`], and rays hit
-//! it only where the mask is solid. Barycentric weights are computed again from ray and triangle (Möller and
-//! Trumbore 1997) rather than taken from the kernel that found the hit. So the side of a leaf's edge that a
-//! ray meets does not depend on the structure or the grouping of rays.
+//! A [`Card`] is hit only where its mask, an alpha channel with a cutoff, is solid. Barycentric weights are
+//! computed again (Möller and Trumbore 1997), so the side of an edge does not depend on the structure.
 
 use std::sync::Arc;
 

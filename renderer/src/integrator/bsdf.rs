@@ -1,14 +1,11 @@
 //! The scattering of light at a surface: Lambert under a GGX layer, metals, mirrors, thin glass.
 //!
-//! One model covers the metallic-roughness materials of glTF. A share `F` (Schlick's Fresnel term) of the
-//! light is reflected by a GGX microfacet layer, or by a perfect mirror where the surface is very smooth. Of
-//! the rest, a share `transmission` passes straight through, as through a thin sheet. The remaining light is
-//! scattered diffusely if the surface is not a metal. Light that a rough metal reflects several times comes
-//! back in a wide lobe, see [`multiple`](super::multiple). Sources: Walter et al., Microfacet Models for
-//! Refraction,
-//! EGSR 2007 (GGX); Heitz, Understanding the Masking-Shadowing Function, JCGT 2014; Dupuy and Benyoub,
-//! Sampling Visible GGX Normals with Spherical Caps, HPG 2023; Ashikhmin and Shirley, An Anisotropic Phong
-//! BRDF Model, 2000 (the diffuse part that leaves room for the layer above it).
+//! Of the light, a share `F` (Schlick's Fresnel term) is reflected by a GGX layer, or a perfect mirror where
+//! the surface is very smooth; a share `transmission` of the rest passes straight through; what remains is
+//! scattered diffusely unless the surface is a metal. A rough metal's further reflections:
+//! [`multiple`](super::multiple). Sources: Walter et al., EGSR 2007 (GGX); Heitz, JCGT 2014 (masking); Dupuy
+//! and Benyoub, HPG 2023 (visible normals); Ashikhmin and Shirley, 2000 (the diffuse part that leaves room
+//! for the layer above it).
 //!
 //! Directions are local: z is the shading normal, and both point away from the surface.
 

@@ -1,11 +1,9 @@
 //! Lamps learnt before the other frames: which of them light which places.
 //!
-//! A grid of cells covers the places that paths of pilot frames met. The farther from the eye, the wider a
-//! cell is; each side of a wall has cells of its own. Of all groups of lamps a cell keeps the few that should
-//! bring it most: by power and place, and by how many rays to them arrived from some of its places. Lamps are
-//! drawn from these, and by power alone as if nothing had been learnt; the probabilities of both ways count
-//! together. So the expectation of a picture does not depend on what was learnt. Compare Vévoda, Kondapaneni
-//! and Křivánek, Bayesian Online Regression for Adaptive Direct Illumination Sampling (SIGGRAPH 2018).
+//! A grid of cells, wider the farther from the eye, covers the places of pilot frames' paths. Of all groups
+//! of lamps a cell keeps the few that bring it most. Lamps are drawn from these, and by power alone, so the
+//! expectation of a picture does not depend on what was learnt. Compare Vévoda, Kondapaneni and Křivánek,
+//! Bayesian Online Regression for Adaptive Direct Illumination Sampling (SIGGRAPH 2018).
 
 use glam::Vec3;
 use rayon::prelude::*;

@@ -1,14 +1,11 @@
 //! The lights: emissive triangles, the sun, and the sky.
 //!
-//! Emissive triangles are chosen by power and place. A few points are drawn by power alone, and one of them
-//! is taken by the light that would reach the surface if nothing were in between. Its light is weighed by
-//! that of the others (resampled importance sampling: Talbot, Cline and Egbert, EGSR 2005). The power
-//! heuristic takes the density of the draw by power; any function that both techniques share would do. Where
-//! it was learnt which lamps light a place, points are drawn by that instead, and weighed accordingly.
+//! Of a few points drawn by power, one is taken by its unshadowed light (resampled importance sampling:
+//! Talbot, Cline and Egbert, EGSR 2005); the power heuristic takes the density of the draw by power. Where it
+//! was learnt which lamps light a place, points are drawn by that.
 //!
-//! Emissive triangles shine to both sides, because the winding in scene files cannot be relied on. The sky's
-//! gradient is smooth and is left to the surfaces' own sampling unless it was learnt where it is seen. Lamps,
-//! sun and environment maps are also sampled directly. Lights without size are found in no other way.
+//! Emissive triangles shine to both sides, because winding cannot be relied on. The sky's gradient is left to
+//! the surfaces' own sampling unless it was learnt. Lights without size are found in no other way.
 
 use std::{f32::consts::PI, sync::Arc};
 

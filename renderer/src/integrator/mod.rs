@@ -1,13 +1,12 @@
 //! The path tracer: one sample a pixel a frame, a bounded number of bounces, repeatable to the bit.
 //!
-//! A frame is a pure function of scene, camera, size, seed and sample number. It depends neither on the
-//! number of threads nor on the order of work nor, but for triangles that coincide, on the acceleration
-//! structure. The ray loop is compiled once per kind of [`Intersector`](treewright_accel::Intersector), the
-//! shading once per set of [`Needs`]. Path tracing after Kajiya 1986; the limit of three bounces is the
-//! paper's (section 3.1).
+//! A frame is a pure function of scene, camera, size, seed and sample number, and but for triangles that
+//! coincide not of the acceleration structure. The ray loop is compiled once per kind of
+//! [`Intersector`](treewright_accel::Intersector), the shading once per set of [`Needs`]. Kajiya 1986; three
+//! bounces are the paper's (section 3.1).
 //!
 //! [`render_sample`] hands tiles to threads; `path` and `stages` are the two orders of work. `vertex` shades
-//! one hit of a path, with the help of `surface`, `bsdf` and `lights`; `chunk` shades many hits at once.
+//! one hit, `chunk` many at once.
 
 mod bsdf;
 mod chunk;

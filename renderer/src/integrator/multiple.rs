@@ -1,10 +1,9 @@
 //! Light that several microfacets of a rough metal reflect in turn.
 //!
-//! The lobe of a rough layer counts light that meets one microfacet and then leaves. Light that meets another
-//! is lost, up to 60 % of it, although much of it leaves later. A second, wide lobe gives it back (Kulla and
-//! Conty, Revisiting Physically Based Shading at Imageworks, SIGGRAPH course 2017; the share of a coloured
-//! metal after Hill, A Multi-Faceted Exploration, 2018). The light lost by the first lobe is a polynomial, so
-//! that shading many hits at once stays a loop without tables.
+//! The lobe of a rough layer loses it, up to 60 %. A second, wide lobe gives it back (Kulla and Conty,
+//! Revisiting Physically Based Shading at Imageworks, SIGGRAPH course 2017; the share of a coloured metal
+//! after Hill, A Multi-Faceted Exploration, 2018). The loss is a polynomial, so that shading many hits at
+//! once stays a loop without tables.
 
 use std::f32::consts::FRAC_1_PI;
 

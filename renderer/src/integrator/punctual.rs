@@ -1,9 +1,8 @@
-//! Lights without size: one is chosen by the light that would reach the surface if nothing were in between.
+//! Lights without size: one is chosen by its unshadowed light.
 //!
-//! Few lights are all weighed, and chosen by sixteenths: random numbers fill the sixteenths evenly, so that
-//! every sixteen samples of a pixel take each light in its share, and the choice adds no noise. Of many
-//! lights, a few candidates are drawn by power and one of them is taken by the light that it would bring
-//! (resampled importance sampling, as for emissive triangles in [`lights`](super::lights)).
+//! Few lights are all weighed, and chosen by sixteenths, which random numbers fill evenly: the choice adds no
+//! noise. Of many lights, a few candidates are drawn by power and one is taken by its light, as in
+//! [`lights`](super::lights).
 
 use std::sync::Arc;
 

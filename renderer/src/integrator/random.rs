@@ -1,17 +1,12 @@
 //! Random numbers that depend only on (seed, pixel, sample, place).
 //!
-//! A path's numbers are computed from where they are needed, so no generator is shared between threads and
-//! the image does not depend on the order in which pixels are rendered. Each number has its place: the vertex
-//! of the path and its purpose. A number that is not drawn costs nothing and shifts no other, so a scene
-//! without lamps draws equal bounces whether or not code for lamps is there.
+//! No generator is shared between threads, and pictures do not depend on the order of pixels. A place is the
+//! vertex of the path and a purpose: a number that is not drawn shifts no other.
 //!
-//! The pairs that one place of a pixel has in sample after sample are points of Sobol's first two dimensions
-//! with Owen's scrambling. They fill the square evenly for any number of samples, and each is random by
-//! itself. Places have different scramblings and orders (Burley, Practical Hash-based Owen Scrambling, JCGT
-//! 2020; Kollig and Keller, Efficient Multidimensional Sampling, Eurographics 2002). The second dimension is
-//! a product with Pascal's matrix, in five steps (Ahmed, An Implementation Algorithm of 2D Sobol Sequence
-//! Fast, Elegant, and Compact, EGSR 2024). Seeds are mixed by the finaliser of SplitMix64 (Steele, Lea,
-//! Flood: Fast Splittable Pseudorandom Number Generators, OOPSLA 2014).
+//! The pairs of one place of a pixel are points of Sobol's first two dimensions with Owen's scrambling, other
+//! ones for each place (Burley, JCGT 2020; Kollig and Keller, Eurographics 2002). The second dimension is a
+//! product with Pascal's matrix, in five steps (Ahmed, EGSR 2024). Seeds are mixed by the finaliser of
+//! SplitMix64 (Steele, Lea, Flood, OOPSLA 2014).
 
 /// The random numbers of one path.
 #[derive(Clone, Copy, Debug, Default)]

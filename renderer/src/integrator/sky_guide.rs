@@ -1,11 +1,10 @@
 //! Light learnt while rendering: directions towards the sky, as through windows, and the share of each kind
 //! of light at each place.
 //!
-//! A few frames leave records of paths that found the sky after a bounce. A grid of cells covers the places
-//! where they bounced. Each cell holds a distribution over directions, by the light that came along them
-//! (compare Müller, Gross and Novák, Practical Path Guiding, EGSR 2017, whose trees are a grid here). Shadow
-//! rays are drawn by it beside the surfaces' own sampling, which covers every direction. So the expectation
-//! of a picture does not depend on the records.
+//! A few frames leave records of paths that found the sky. Each cell of a grid holds a distribution over
+//! directions, by the light that came along them (compare Müller, Gross and Novák, Practical Path Guiding,
+//! EGSR 2017). Shadow rays are drawn by it beside the surfaces' own sampling, so the expectation of a picture
+//! does not depend on it.
 
 use std::f32::consts::{PI, TAU};
 use std::sync::Arc;

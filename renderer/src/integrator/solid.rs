@@ -1,15 +1,12 @@
 //! Glass and other transmitting solids: light bends on the way in and out, and is absorbed between.
 //!
-//! A surface whose material has a volume bounds a solid; its front (the side its normals point to) is
-//! outside. Each time a path meets one, Fresnel's equations give the reflected share, and one of the two
-//! ways is drawn. A rough one is drawn as its visible microfacets are, each a small perfect surface (Walter
-//! et al., Microfacet Models for Refraction, EGSR 2007; Heitz, Sampling the GGX Distribution of Visible
-//! Normals, JCGT 2018).
+//! A surface whose material has a volume bounds a solid; its front is outside. Where a path meets one,
+//! Fresnel's equations give the reflected share, and one of the two ways is drawn, a rough one by its visible
+//! microfacets (Walter et al., EGSR 2007; Heitz, JCGT 2018).
 //!
-//! Light finds its way through by these draws alone. So a solid throws a full shadow, and focused light is
-//! found only if the light is large or far around. The sun's disc is left out, as behind mirrors. Ways inside
-//! count as sheets, not as bounces. Radiance is counted as it is outside, where every path begins and ends:
-//! its change by the square of the index of refraction, which leaving undoes, is left out.
+//! So a solid throws a full shadow, and focused light is found only if the light is large or far around; the
+//! sun's disc is left out. Ways inside count as sheets, not as bounces. The change of radiance by the square
+//! of the index, which leaving undoes, is left out.
 
 use glam::Vec3;
 use treewright_accel::Ray;

@@ -1,9 +1,7 @@
 //! Stage by stage: all camera rays of a tile, all their shadow rays, all first bounces, and so on.
 //!
-//! Rays of one class lie side by side, so that they can be traced in packets, code and tree stay in the
-//! caches, and data of a hit can be fetched ahead. Compare Laine, Karras and Aila, Megakernels Considered
-//! Harmful: Wavefront Path Tracing on GPUs (HPG 2013). Each path keeps its own random numbers and its light
-//! is summed in the order of its vertices, so pictures are those of the path-by-path way, bit for bit.
+//! Rays of one class lie side by side, to be traced in packets (compare Laine, Karras and Aila, Wavefront
+//! Path Tracing on GPUs, HPG 2013). Pictures are those of the path-by-path way, bit for bit.
 
 use std::ops::Range;
 

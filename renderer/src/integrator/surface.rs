@@ -1,11 +1,8 @@
 //! The point where a path meets the scene: position, normals, and an origin for the next ray that does not
 //! meet this surface again.
 //!
-//! Barycentric weights are computed again from ray and triangle (Möller and Trumbore 1997), so that the
-//! rounding of one accelerator's kernel never reaches the picture: one triangle gives one point.
-//!
-//! All that shading needs of a triangle lies in one cache line, a [`Facet`]: reached through index and vertex
-//! arrays it would be up to eight lines, each a miss for a ray that bounced.
+//! Barycentric weights are computed again (Möller and Trumbore 1997): one triangle gives one point, with any
+//! accelerator. All that shading needs of a triangle lies in one cache line, a [`Facet`].
 
 use glam::{Vec3, Vec3A, Vec4};
 use treewright_accel::{Hit, Instance, Ray};

@@ -1,15 +1,13 @@
 //! The vertex of a path: the one definition of its shading, for every order of work.
 //!
-//! At each point a light is sampled directly, and the surface's own sampling finds lights and sky; the two
-//! are weighed by the power heuristic (Veach 1997). Thin sheets let paths and shadow rays pass straight
-//! through, which is no bounce: the path keeps its density, so that both techniques still see equal light.
+//! A light is sampled directly, and the surface's own sampling finds lights and sky; the two are weighed by
+//! the power heuristic (Veach 1997). Passing thin sheets is no bounce: the path keeps its density.
 //!
-//! From a vertex without a bounce left a last ray goes by chance, which looks for lamps alone. Else nothing
-//! would weigh a sample of a lamp near by, which can be as bright as one over the square of its distance.
+//! From a vertex without a bounce left a last ray goes by chance, which looks for lamps alone: else nothing
+//! would weigh a sample of a lamp near by.
 //!
-//! [`Kernel`]s are compiled for sets of [`Needs`]; a frame picks one and calls it for each hit, path by path
-//! or stage by stage. A call through a pointer that never changes costs a few cycles of the thousand a ray
-//! takes, and keeps the kernels independent of the acceleration structures.
+//! [`Kernel`]s are compiled for sets of [`Needs`]; a frame picks one and calls it for each hit, independently
+//! of the acceleration structures.
 
 use glam::Vec3;
 use treewright_accel::{Hit, Ray};

@@ -1,12 +1,11 @@
 //! Real time: frames that need not be rendered again.
 //!
-//! Every frame pays for its build, so a cost is the sum of a build and a frame. The noise of builds is mostly
-//! several times that of frames. Where a configuration runs again, the mean of its known frames may stand for
-//! a new one, and only the build is measured. That mean has an error, which all these trials share: it must
-//! add little to the error that the mean of the builds has.
+//! Every frame pays for its build, whose noise is mostly several times a frame's. So the mean of a
+//! configuration's known frames may stand for a new one, if its error adds little to that of the mean of the
+//! builds.
 //!
-//! The machine's speed drifts, so only the last trials are known. Where a measurement contradicts them, all
-//! that is known of its configuration is forgotten.
+//! The machine's speed drifts, so only the last trials are known; a measurement that contradicts them ends
+//! that.
 
 use treewright_accel::BuildChoice;
 

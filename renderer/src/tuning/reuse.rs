@@ -1,14 +1,12 @@
 //! An estimate of the number of frames that a tree serves, from the changes of the geometry: the weight of
 //! its build in the objective `auto`.
 //!
-//! A tree has to be built or brought along when the geometry changes, and not when the camera moves or a
-//! still converges. Geometry that changes with a constant chance from frame to frame makes a Poisson process.
-//! The chance has a gamma posterior from the numbers of changes and of frames. Older ones count ever less, so
-//! that a scene that comes to rest, or begins to move, is noticed within a few dozen frames. A tree then
-//! serves as many frames as lie between two changes.
+//! A tree is built or brought along when the geometry changes. The chance of a change has a gamma posterior
+//! from the numbers of changes and of frames, in which older ones count ever less. A tree then serves as many
+//! frames as lie between two changes.
 //!
-//! The estimate enters the state as a power of two, and the power changes only once the estimate has clearly
-//! left the last one. So frames of one kind share a state and its trials.
+//! The estimate enters the state as a power of two, which changes only once the estimate has clearly left the
+//! last one.
 
 /// The prior: one change in this number of frames.
 const PRIOR_FRAMES: f64 = 16.0;

@@ -1,10 +1,8 @@
 //! The rivals of a tuned configuration, the best of all, and the frame at which a search has paid for itself.
 //!
-//! The best of many noisy single measurements is mostly luck. So the search's best is measured again, in
-//! fresh paired rounds, beside the configurations that need no search. These are the paper's default, native
-//! Embree as its tutorials use it, native Embree used as well as this renderer can, and the best fixed
-//! configuration, where the search began. Only figures of these rounds are quoted, and a configuration that
-//! lost to a rival in them is not called tuned.
+//! The best of many noisy single measurements is mostly luck. So it is measured again, in fresh paired
+//! rounds, beside the configurations that need no search: the paper's default, native Embree as its tutorials
+//! use it and used well, and the best fixed one. Only figures of these rounds are quoted.
 
 use serde::Serialize;
 use treewright_accel::NativeQuality;

@@ -3,10 +3,9 @@
 //!
 //! `cargo bench -p treewright-accel -- --rounds 21 $PWD/*.rays`
 //!
-//! The files are recordings that `treewright-render rays` has made of frames; of one alone, the tables are
-//! that scene's. Every round runs every structure once on a set of rays, so that a slow spell of the machine
-//! hits all of them. Nothing is timed before its answers have been compared ray by ray with native Embree's.
-//! `tools/tinybvh.sh` compiles one more peer.
+//! The files are recordings by `treewright-render rays`. Every round runs every structure once on a set of
+//! rays. Answers are first compared ray by ray with native Embree's. `tools/tinybvh.sh` compiles one more
+//! peer.
 
 mod answers;
 mod bandwidth;

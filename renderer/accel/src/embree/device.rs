@@ -1,12 +1,10 @@
 //! The Embree device: one a process, checked once, its errors turned into values.
 //!
-//! Options that a native scene takes from its device (how it splits triangles) need a device of their own:
-//! [`Device::suited`] keeps a bounded number of them beside the one the process opened. They share TBB's
-//! threads and count their memory together, and a budget set on that memory makes builds fail that exceed it.
+//! Native scenes with other options need a device of their own: [`Device::suited`] keeps a bounded number of
+//! them, which share threads and the count of memory.
 //!
-//! Embree keeps one error per thread, so it is read on the calling thread after every call that can fail. The
-//! code alone says little ("unknown error" is also "depth limit reached"). The text comes through the error
-//! callback, which Embree runs on the thread that made the call. So it is kept per thread as well.
+//! Embree keeps one error per thread, so it is read after every call that can fail. The text comes through
+//! the error callback on the calling thread, and is kept per thread as well.
 
 use std::ffi::{CStr, CString, c_char, c_uint, c_void};
 use std::sync::atomic::{AtomicIsize, Ordering};

@@ -1,9 +1,7 @@
 //! Counts what queries do: nodes visited, blocks of triangles tested, bytes they lie in. For analyses; slow.
 //!
-//! The walk is that of the queries ([`super::kernel`]) with counters around its two tests, on portable
-//! vectors: visits do not depend on the instruction set. Such counts explain measured times (Aila, Karras and
-//! Laine, "On Quality Metrics of Bounding Volume Hierarchies", 2013) and, unlike times, repeat to the last
-//! digit.
+//! The walk is that of the queries ([`super::kernel`]) on portable vectors. Such counts explain times (Aila,
+//! Karras and Laine, "On Quality Metrics of Bounding Volume Hierarchies", 2013) and repeat to the last digit.
 
 use std::{cell::Cell, marker::PhantomData, ops::AddAssign};
 

@@ -1,11 +1,7 @@
-//! Several rays in flight on one thread: they take turns, a node or leaf each.
-//!
-//! Rays that have parted wait for nodes that lie in no near cache. Here a ray that has made a step asks for
-//! the memory of its next one and lets the others go on meanwhile, so that their waiting overlaps. The next
-//! ray takes the place of one that is done. This is the order of Kocberber, Falsafi and Grot, "Asynchronous
-//! Memory Access Chaining" (2015). Where the caches hold the tree it only costs.
-//!
-//! Every ray takes the steps that it takes alone ([`super::kernel`]), so answers are equal bit for bit.
+//! Several rays in flight on one thread: they take turns, a node or leaf each, so that their waiting for
+//! memory overlaps (Kocberber, Falsafi and Grot, "Asynchronous Memory Access Chaining", 2015). Where the
+//! caches hold the tree it only costs. Every ray takes the steps that it takes alone ([`super::kernel`]), so
+//! answers are equal bit for bit.
 
 #![allow(unsafe_op_in_unsafe_fn, reason = "each operation is unsafe for the one reason that `Lanes` states")]
 

@@ -1,10 +1,8 @@
 //! Rays through the tree: one algorithm, compiled for each kind of tree and instruction set.
 //!
-//! Meaning and machine are kept apart. [`kernel`] walks the tree. In [`flight`] several rays take turns.
-//! [`boxes`] tests a node's children. [`triangles`] and [`watertight`] test a leaf's blocks. All are written
-//! once over [`lanes::Lanes`], a handful of vector operations. [`compile`] compiles them for each instruction
-//! set and picks one set of functions when a tree is built, so that a ray pays one indirect call and no
-//! further choice.
+//! [`kernel`] walks the tree. In [`flight`] several rays take turns. [`boxes`] tests a node's children,
+//! [`triangles`] and [`watertight`] a leaf's blocks, over the vectors of [`lanes::Lanes`]. [`compile`]
+//! compiles them for each instruction set and picks functions when a tree is built.
 
 mod boxes;
 mod compile;

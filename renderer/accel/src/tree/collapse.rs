@@ -1,11 +1,9 @@
 //! From the binary tree to the wide tree of least expected cost.
 //!
-//! Dynamic programming over the binary tree, as Ylitie, Karras and Laine describe it ("Efficient Incoherent
-//! Ray Traversal on GPUs Through Compressed Wide BVHs", 2017, section 3.1). It finds the least cost of making
-//! a subtree into at most `i` children of one wide node. The cost is that of Wald, Benthin and Boulos,
-//! "Getting Rid of Packets", 2008. For one child it becomes a leaf or a node of its own, whose children are
-//! at most as many as fit; for more its two halves share them. The answers for the halves give those for the
-//! whole, and going down again from the root the decisions are read off.
+//! Dynamic programming over the binary tree finds the least cost of making a subtree into at most `i`
+//! children of one wide node (Ylitie, Karras and Laine, "Efficient Incoherent Ray Traversal on GPUs Through
+//! Compressed Wide BVHs", 2017, section 3.1), at the cost of Wald, Benthin and Boulos, "Getting Rid of
+//! Packets", 2008. One child is a leaf or a node; more are shared by the two halves.
 
 use super::binary::{BinaryNode, BinaryTree};
 use super::plan::Plan;

@@ -1,16 +1,12 @@
 //! Trees over triangles that move: refitted, rebuilt, or rebuilt where that pays.
 //!
-//! When a tree is updated for the first time it is cut into some hundred subtrees of like size, and the nodes
-//! above them are listed. The subtrees are refitted in parallel, then the nodes above. A tree that is never
-//! updated has none of this.
+//! At its first update a tree is cut into some hundred subtrees of like size, which are refitted in parallel,
+//! then the nodes above.
 //!
-//! A partial update also compares costs with those of the last build. Where a subtree's cost, seen from a ray
-//! that hits its box, has grown beyond the threshold, the subtree alone is rebuilt and grafted on. Where the
-//! cost of the nodes above has grown as much, whole subtrees have drifted apart: they get new nodes above
-//! them, which is cheap. If that does not help, subtrees overlap, and everything is rebuilt. To rebuild by
-//! the growth of the heuristic's cost is the idea of Lauterbach et al. ("RT-DEFORM: Interactive Ray Tracing
-//! of Dynamic Scenes using BVHs", 2006), to do so for parts that of Yoon, Curtis and Manocha ("Ray Tracing
-//! Dynamic Scenes using Selective Restructuring", 2007).
+//! A partial update compares costs with those of the last build. A subtree whose cost has grown beyond the
+//! threshold is rebuilt and grafted on. Where the cost above has grown as much, new nodes are made there, and
+//! if that does not help, everything is rebuilt (Lauterbach et al., "RT-DEFORM", 2006; for parts Yoon, Curtis
+//! and Manocha, "Ray Tracing Dynamic Scenes using Selective Restructuring", 2007).
 
 use std::sync::Arc;
 

@@ -1,12 +1,10 @@
-//! The order in which a shadow ray visits the children of a node.
+//! The order in which a shadow ray visits the children of a node: by the probability that it is blocked below
+//! a child, over the cost of its test (Ogaki and Derouet-Jourdan, "An N-ary BVH Child Node Sorting Technique
+//! for Occlusion Tests", 2016).
 //!
-//! Any hit will do for a shadow ray, so it first goes where a hit is likely and cheap. Children are sorted by
-//! the probability that the ray is blocked below a child, over the cost of its test (Ogaki and
-//! Derouet-Jourdan, "An N-ary BVH Child Node Sorting Technique for Occlusion Tests", 2016). Both are
-//! estimated from the finished tree alone. A line that meets a box crosses the surfaces in it
-//! `their area / half the area of the box` times on average (Cauchy and Crofton). Of a ray that begins
-//! inside, half of the line is left. Costs are those of the surface area heuristic, where nodes behind a
-//! likely hit hardly count.
+//! A line that meets a box crosses the surfaces in it `their area / half the area of the box` times on
+//! average (Cauchy and Crofton); of a ray that begins inside, half of the line is left. Costs are those of
+//! the surface area heuristic.
 //!
 //! Rays go on with the last child they meet ([`crate::traverse`]), so the one to visit first comes last.
 

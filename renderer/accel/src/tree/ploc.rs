@@ -1,15 +1,10 @@
 //! Our own builder: a binary tree bottom up, from triangles along a space-filling curve.
 //!
-//! Parallel locally-ordered clustering (Meister and Bittner, "Parallel Locally-Ordered Clustering for
-//! Bounding Volume Hierarchy Construction", 2018; Benthin et al., "PLOC++", 2022). Each cluster looks at a
-//! few neighbours along the curve for the one with which it makes the smallest box. Pairs that choose each
-//! other are joined. Done on parts of the curve as Benthin, Meister, Barczak, Mehalwal, Tsakok and Kensler do
-//! ("H-PLOC: Hierarchical Parallel Locally-Ordered Clustering for Bounding Volume Hierarchy Construction",
-//! 2024): a part hands up a handful of clusters, which are joined with those of the part beside it. So
-//! everything a thread works on lies in its first cache, and parts are as independent as the halves of a
-//! sort. Where there is no time for that, the lowest clusters are runs of the curve (`cluster_size`), as
-//! those of a tree by Morton codes. Most of the work is done on the lowest levels, and least is lost there,
-//! since the triangles of one leaf need no order.
+//! Parallel locally-ordered clustering (Meister and Bittner, 2018; Benthin et al., "PLOC++", 2022): each
+//! cluster looks at a few neighbours along the curve, and pairs that choose each other are joined. Parts of
+//! the curve hand up a handful of clusters to be joined with those beside them ("H-PLOC", 2024), so that a
+//! thread works in its first cache. To save time, the lowest clusters are runs of the curve (`cluster_size`),
+//! where least is lost.
 //!
 //! Equal inputs give equal trees with any number of threads and with every instruction set.
 

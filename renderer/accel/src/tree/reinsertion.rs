@@ -1,11 +1,9 @@
 //! Makes a finished binary tree cheaper by taking subtrees out and putting them back where they cost least.
 //!
-//! The method is insertion-based optimisation (Bittner, Hapala and Havran, "Fast Insertion-Based Optimization
-//! of Bounding Volume Hierarchies", 2013) in its parallel form (Meister and Bittner, "Parallel Reinsertion
-//! for Bounding Volume Hierarchy Optimization", 2018). In each pass many nodes look for a better place at
-//! once, in a tree that stands still, by branch and bound. Then the moves are carried out, those of most gain
-//! first. Where moves get in each other's way the later one is given up, and so is one that turns out not to
-//! pay after the earlier ones: the cost never rises. Nothing depends on the number of threads.
+//! Insertion-based optimisation (Bittner, Hapala and Havran, 2013) in its parallel form (Meister and Bittner,
+//! "Parallel Reinsertion for Bounding Volume Hierarchy Optimization", 2018). In each pass many nodes look for
+//! a better place in a tree that stands still. Then the moves of most gain come first, and those that no
+//! longer pay are given up: the cost never rises. Nothing depends on the number of threads.
 
 use rayon::prelude::*;
 

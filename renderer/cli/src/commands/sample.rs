@@ -1,16 +1,13 @@
 //! `treewright-render sample`: measures random configurations (paper, section 4.1) and records them as
 //! trials.
 //!
-//! This program chooses the configurations, not the service: sample 17 of a camera is a fixed configuration,
-//! drawn evenly over the space ([`sampling`](treewright_renderer::tuning::sampling)). Its number stands among
-//! the measurements, so that the database alone shows which samples are there. A run that was killed goes on
-//! with the missing ones.
+//! Sample 17 of a camera is a fixed configuration, drawn evenly over the space
+//! ([`sampling`](treewright_renderer::tuning::sampling)). Its number stands among the measurements, so that a
+//! run that was killed goes on with the missing ones.
 //!
-//! Several renderers share a study without knowing of each other. Each takes a sample by opening a trial of
-//! it, and then reads all trials since its last look. A renderer that finds its sample opened under a lower
-//! number gives its own trial back. Numbers are handed out one after the other, so of any two at least the
-//! later one sees the other. A result after the end of the trial's lease is thrown away, since another
-//! renderer may have taken the sample by then.
+//! Several renderers share a study. Each takes a sample by opening a trial of it, then reads all trials since
+//! its last look, and gives its own back if the sample was opened under a lower number. Of any two at least
+//! the later one sees the other. A result after the end of the trial's lease is thrown away.
 
 mod claims;
 

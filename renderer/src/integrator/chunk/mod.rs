@@ -2,10 +2,9 @@
 //! into vector instructions.
 //!
 //! A chunk gathers hits on matt surfaces and on rough, opaque layers, in two runs of lanes, one from either
-//! end. Rare cases go through [`Kernel::vertex`](super::vertex::Kernel) as in the path-by-path way: lamps
-//! that are hit, mirrors, thin sheets, glass, last rays, triangles too small for single precision's squares.
-//! Both give equal bits. The loops are compiled for each instruction set ([`Isa::run`]). Compare Lee et al.,
-//! Vectorized Production Path Tracing (HPG 2017), who sort hits into such runs as well.
+//! end (compare Lee et al., Vectorized Production Path Tracing, HPG 2017). Rare cases go through
+//! [`Kernel::vertex`](super::vertex::Kernel) as in the path-by-path way. Both give equal bits. The loops are
+//! compiled for each instruction set ([`Isa::run`]).
 
 mod columns;
 mod passes;

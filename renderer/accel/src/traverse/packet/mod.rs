@@ -1,17 +1,13 @@
 //! Sixteen rays together through the tree: for rays that mostly go one way.
 //!
-//! A node costs one test of the rays' common frustum against all children at once, then one test of all rays
-//! against each child that the frustum meets. A triangle is tested by all rays at once. So the rays share
-//! loads, branches and the order of the walk, as in Wald, Slusallek, Benthin and Wagner, "Interactive
-//! Rendering with Coherent Ray Tracing" (2001), with the frustum of Reshetov, Soupikov and Hurley,
-//! "Multi-Level Ray Tracing Algorithm" (2005). Where rays have parted and few are left in a subtree, each
-//! goes on alone, as in Benthin, Wald, Woop, Ernst and Mark, "Combining Single and Packet-Ray Tracing for
-//! Arbitrary Ray Distributions on the Intel MIC Architecture" (2012).
+//! A node costs one test of the rays' common frustum against all children, then one of all rays against each
+//! child that it meets (Wald, Slusallek, Benthin and Wagner, "Interactive Rendering with Coherent Ray
+//! Tracing", 2001; Reshetov, Soupikov and Hurley, "Multi-Level Ray Tracing Algorithm", 2005). Where few rays
+//! are left in a subtree, each goes on alone (Benthin, Wald, Woop, Ernst and Mark, "Combining Single and
+//! Packet-Ray Tracing", 2012).
 //!
-//! The walk does not depend on the contents of leaves, triangles or placed objects ([`PacketLeaves`]).
-//!
-//! Every ray gets the answer it gets alone: tests of boxes and triangles take equal operations in equal
-//! order, and the frustum's margins cover their rounding.
+//! The walk does not depend on the contents of leaves ([`PacketLeaves`]). Every ray gets the answer it gets
+//! alone: tests take equal operations in equal order, and the frustum's margins cover their rounding.
 
 #![allow(unsafe_op_in_unsafe_fn, reason = "each operation is unsafe for the one reason that `Lanes` states")]
 
