@@ -6,7 +6,7 @@
 use std::{fs::OpenOptions, io::Write as _, path::Path};
 
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
-use treewright_render_cli::error::CliError;
+use treewright_render_cli::error::{CliError, Result};
 
 /// How the first line of every record begins.
 const BEGINNING: &[u8] = b"{\"conditions\":";
@@ -26,7 +26,7 @@ pub fn begin(path: &Path, conditions: &impl Serialize) -> Result<(), CliError> {
 }
 
 /// Whether a file holds something that must not be lost. An unfinished first line is not such.
-fn is_begun(path: &Path) -> Result<bool, CliError> {
+fn is_begun(path: &Path) -> Result<bool> {
     if !path.exists() {
         return Ok(false);
     }
@@ -41,7 +41,7 @@ fn is_begun(path: &Path) -> Result<bool, CliError> {
 /// The file cannot be read, or is no such record; lines that are none fail when it is their turn.
 pub fn read<C: DeserializeOwned, T: DeserializeOwned>(
     path: &Path,
-) -> Result<(C, impl Iterator<Item = Result<T, CliError>>), CliError> {
+) -> Result<(C, impl Iterator<Item = Result<T>>)> {
     let mut text = std::fs::read(path).map_err(|error| wrong(path, &error.to_string()))?;
     text.truncate(whole(&text));
     let lines: Vec<Vec<u8>> = text.split_inclusive(|byte| *byte == b'\n').map(<[u8]>::to_vec).collect();
@@ -53,7 +53,7 @@ pub fn read<C: DeserializeOwned, T: DeserializeOwned>(
     Ok((conditions, others.map(move |(number, line)| parsed(path, number, &line))))
 }
 
-fn parsed<T: DeserializeOwned>(path: &Path, number: usize, line: &[u8]) -> Result<T, CliError> {
+fn parsed<T: DeserializeOwned>(path: &Path, number: usize, line: &[u8]) -> Result<T> {
     serde_json::from_slice(line).map_err(|error| wrong(path, &format!("line {number}: {error}")))
 }
 

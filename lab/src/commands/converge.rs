@@ -12,7 +12,7 @@ use crate::converge::reference::{Reference, TRUSTED_FROM};
 use crate::converge::results::{ComparisonResults, ContenderResult, ReferenceFacts};
 use crate::{converge::metrics::Yardstick, geometry::geometry_hash};
 use treewright_render_cli::arguments::{Size, ViewArguments};
-use treewright_render_cli::error::{CliError, check_folder, write_file};
+use treewright_render_cli::error::{CliError, Result, check_folder, write_file};
 use treewright_render_cli::{interrupt::Interrupt, output, server::machine};
 use treewright_renderer::limits::{CONTENDERS_MAX, RUNS_MAX, SAMPLES_MAX, SECONDS_MAX};
 use treewright_renderer::space::{Premises, Preset, TuningSpace};
@@ -71,14 +71,14 @@ impl Arguments {
         self.json.as_ref().is_some_and(|path| path.as_os_str() == "-")
     }
 
-    fn check_file(&self) -> Result<(), CliError> {
+    fn check_file(&self) -> Result<()> {
         let json = self.json.as_ref().filter(|_| !self.prints_json());
         json.map_or(Ok(()), |path| check_folder(path))
     }
 }
 
 /// Compares the configurations and prints the results.
-pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
+pub(super) fn run(arguments: &Arguments) -> Result<()> {
     arguments.check_file()?;
     let chosen = arguments.entrants.read()?;
     let scene = arguments.view.scene.load()?;
@@ -154,7 +154,7 @@ fn reference(
     renderer: &Renderer,
     view: &View,
     interrupt: Interrupt,
-) -> Result<Reference, CliError> {
+) -> Result<Reference> {
     // No contender's clock runs, so the fastest way that is known without measuring will do.
     let choice = TuningSpace::new(Preset::Full, &Premises::all()).default_choice();
     let (structure, _) = renderer.build(&choice.build)?;
@@ -170,7 +170,7 @@ fn reference(
     if interrupt.requested() { Err(CliError::Interrupted) } else { Ok(found) }
 }
 
-fn write(arguments: &Arguments, results: &ComparisonResults) -> Result<(), CliError> {
+fn write(arguments: &Arguments, results: &ComparisonResults) -> Result<()> {
     if arguments.prints_json() {
         return output::json(results);
     }

@@ -10,7 +10,7 @@ use treewright_client::Configuration;
 
 use crate::converge::curve::Entrant;
 use treewright_render_cli::arguments::{SpaceArguments, read_configuration};
-use treewright_render_cli::error::CliError;
+use treewright_render_cli::error::Result;
 use treewright_renderer::space::{self, Choice, Premises, Preset, TuningSpace};
 use treewright_renderer::tuning::verdict::{self, Rival};
 use treewright_renderer::tuning::who::{NATIVE_DEFAULT, Who};
@@ -51,7 +51,7 @@ fn chosen(
     configuration: &Configuration,
     setup_ms: f64,
     origin: String,
-) -> Result<Chosen, CliError> {
+) -> Result<Chosen> {
     let contender = verdict::contender(who, space, configuration)?;
     let configuration = Some(space.complete(configuration)?);
     Ok(Chosen { entrant: Entrant { contender, setup_ms }, configuration, origin })
@@ -59,7 +59,7 @@ fn chosen(
 
 impl EntrantArguments {
     /// The entrants that always take part and those of the command line, checked.
-    pub(super) fn read(&self) -> Result<Vec<Chosen>, CliError> {
+    pub(super) fn read(&self) -> Result<Vec<Chosen>> {
         let space = self.space.whole(Objective::Render)?;
         let native = Choice::native(NativeQuality::Medium);
         let mut all = vec![

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use clap::{Args, Subcommand};
-use treewright_render_cli::{error::CliError, interrupt::Interrupt};
+use treewright_render_cli::{error::CliError, error::Result, interrupt::Interrupt};
 use treewright_renderer::{limits::ROUNDS_MAX, tuning::objective::Objective};
 
 use super::evaluate_parameters as parameters;
@@ -43,7 +43,7 @@ pub(super) struct RecordArguments {
 }
 
 /// Runs the command.
-pub(super) fn run(command: &Command) -> Result<(), CliError> {
+pub(super) fn run(command: &Command) -> Result<()> {
     match command {
         Command::Record(arguments) => record(arguments),
         Command::Verify(arguments) => verify::run(arguments),
@@ -59,7 +59,7 @@ struct Missing {
     search: Option<Objective>,
 }
 
-fn record(arguments: &RecordArguments) -> Result<(), CliError> {
+fn record(arguments: &RecordArguments) -> Result<()> {
     let under = &arguments.under;
     let entries = under.scenes.entries()?;
     let (conditions, mut open) = under.open()?;

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use clap::{Args, ValueEnum};
 use treewright_client::Configuration;
-use treewright_render_cli::{error::CliError, interrupt::Interrupt};
+use treewright_render_cli::{error::CliError, error::Result, interrupt::Interrupt};
 use treewright_renderer::{limits::ROUNDS_MAX, space::TuningSpace, tuning::objective::Objective};
 use treewright_scene::Scene;
 
@@ -72,7 +72,7 @@ enum Task {
 }
 
 /// Takes the measurements that the record lacks.
-pub(super) fn run(arguments: &ParametersArguments) -> Result<(), CliError> {
+pub(super) fn run(arguments: &ParametersArguments) -> Result<()> {
     let entries = arguments.under.scenes.entries()?;
     let (conditions, open) = arguments.under.open()?;
     let whole = Arc::new(space(&conditions));
@@ -166,7 +166,7 @@ impl Bench<'_> {
         scene: &Arc<Scene>,
         task: Task,
         go_on: impl FnMut() -> bool,
-    ) -> Result<Option<Line>, CliError> {
+    ) -> Result<Option<Line>> {
         let (whole, record, rounds) = (&self.whole, &self.open.record, self.arguments.rounds);
         let space = match task {
             Task::Part(part, _) => Arc::new(part.space(whole)?),

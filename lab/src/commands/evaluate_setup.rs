@@ -7,7 +7,7 @@ use clap::Args;
 use treewright_accel::Device;
 use treewright_client::{Configuration, Fingerprint, detect_fingerprint};
 use treewright_render_cli::arguments::Size;
-use treewright_render_cli::error::{CliError, check_folder};
+use treewright_render_cli::error::{CliError, Result, check_folder};
 use treewright_renderer::limits::{ITERATIONS_MAX, THREADS_MAX};
 use treewright_renderer::space::{Premises, Preset, TuningSpace};
 
@@ -68,18 +68,18 @@ pub(super) struct SceneArguments {
 
 impl SceneArguments {
     /// The scenes of the evaluation.
-    pub(super) fn entries(&self) -> Result<Vec<Entry>, CliError> {
+    pub(super) fn entries(&self) -> Result<Vec<Entry>> {
         self.beside_named(&BUILT_IN)
     }
 
     /// As [`Self::beside`], of built-in scenes as they are written on the command line.
-    pub(super) fn beside_named(&self, built_in: &[&str]) -> Result<Vec<Entry>, CliError> {
+    pub(super) fn beside_named(&self, built_in: &[&str]) -> Result<Vec<Entry>> {
         let built_in: Result<_, String> = built_in.iter().map(|text| text.parse()).collect();
         self.beside(built_in.map_err(CliError::Usage)?)
     }
 
     /// The given built-in scenes and the named ones.
-    pub(super) fn beside(&self, built_in: Vec<Entry>) -> Result<Vec<Entry>, CliError> {
+    pub(super) fn beside(&self, built_in: Vec<Entry>) -> Result<Vec<Entry>> {
         let mut all = built_in;
         all.extend(self.scene.iter().cloned());
         if let Some(unknown) = self.only.iter().find(|name| all.iter().all(|entry| entry.name != **name)) {
@@ -94,8 +94,8 @@ impl SceneArguments {
 pub(super) fn take_all<T>(
     missing: Vec<T>,
     seconds: Option<u64>,
-    mut take: impl FnMut(T) -> Result<String, CliError>,
-) -> Result<(), CliError> {
+    mut take: impl FnMut(T) -> Result<String>,
+) -> Result<()> {
     let (begin, all) = (Instant::now(), missing.len());
     for (done, one) in (1_usize..).zip(missing) {
         if seconds.is_some_and(|seconds| begin.elapsed() >= Duration::from_secs(seconds)) {
@@ -110,7 +110,7 @@ pub(super) fn take_all<T>(
 }
 
 /// A machine with the versions of the programs that are measured on it.
-pub(super) fn with_versions(machine: Fingerprint, threads: usize) -> Result<Fingerprint, CliError> {
+pub(super) fn with_versions(machine: Fingerprint, threads: usize) -> Result<Fingerprint> {
     let (major, minor, patch) = Device::open(threads)?.version();
     let machine = machine.software("treewright-lab", env!("CARGO_PKG_VERSION"));
     Ok(machine.software("embree", format!("{major}.{minor}.{patch}")))
@@ -137,14 +137,14 @@ pub(super) fn add_found(record: &Record, place: &Place, after: &[usize], all: &m
 
 impl ConditionArguments {
     /// The record and the conditions under which it is gone on with.
-    pub(super) fn open(&self) -> Result<(Conditions, OpenRecord), CliError> {
+    pub(super) fn open(&self) -> Result<(Conditions, OpenRecord)> {
         check_folder(&self.record)?;
         let conditions = self.conditions()?;
         let open = OpenRecord::open(&self.record, &conditions)?;
         Ok((conditions, open))
     }
 
-    fn conditions(&self) -> Result<Conditions, CliError> {
+    fn conditions(&self) -> Result<Conditions> {
         let threads = usize::try_from(self.threads).unwrap_or(THREADS_MAX);
         Ok(Conditions {
             version: VERSION,

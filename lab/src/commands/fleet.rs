@@ -5,7 +5,7 @@ use std::process::Command;
 
 use clap::Args;
 use serde::Serialize;
-use treewright_render_cli::error::{CliError, check_folder};
+use treewright_render_cli::error::{CliError, Result, check_folder};
 use treewright_render_cli::{arguments::Size, interrupt::Interrupt, output, server::machine};
 use treewright_renderer::limits::{ROUNDS_MAX, THREADS_MAX};
 
@@ -115,7 +115,7 @@ struct FleetResults<'a> {
 }
 
 /// Takes the measurements that the record lacks, and prints the table.
-pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
+pub(super) fn run(arguments: &Arguments) -> Result<()> {
     let record = match (&arguments.record, &arguments.report) {
         (Some(path), _) => {
             check_folder(path)?;
@@ -137,7 +137,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
 }
 
 impl Arguments {
-    fn entries(&self) -> Result<Vec<Entry>, CliError> {
+    fn entries(&self) -> Result<Vec<Entry>> {
         let entries = self.scenes.beside_named(&BUILT_IN)?;
         if entries.len() < 2 {
             return Err(CliError::Usage("one scene is unseen and others are known: name two".to_owned()));
@@ -168,7 +168,7 @@ const SEARCH: &str = "search";
 const EXAMINE: &str = "examine";
 
 /// Calls this program once for each machine and step: an instruction set is that of a process.
-fn measure(record: &Record) -> Result<(), CliError> {
+fn measure(record: &Record) -> Result<()> {
     let interrupt = Interrupt::listen();
     let machines = &record.conditions.machines;
     let failed = |error: std::io::Error| CliError::Failed(format!("this program does not start: {error}"));
@@ -191,13 +191,7 @@ fn measure(record: &Record) -> Result<(), CliError> {
 }
 
 /// One step of one machine in all scenes where it is missing.
-fn be_node(
-    path: &Path,
-    record: &Record,
-    entries: &[Entry],
-    name: &str,
-    is_search: bool,
-) -> Result<(), CliError> {
+fn be_node(path: &Path, record: &Record, entries: &[Entry], name: &str, is_search: bool) -> Result<()> {
     let conditions = &record.conditions;
     let machine = conditions.machines.iter().find(|machine| machine.to_string() == name);
     let machine = machine.ok_or_else(|| CliError::Usage(format!("no machine is called {name}")))?;
@@ -229,7 +223,7 @@ fn be_node(
     Ok(())
 }
 
-fn print(results: &FleetResults) -> Result<(), CliError> {
+fn print(results: &FleetResults) -> Result<()> {
     let Conditions { processor, machines, scenes, frames, first_frames, rounds, .. } = results.conditions;
     println!(
         "{}: {} machines, {} scenes; searches of {frames} frames, answers after 0 and {first_frames} frames in \

@@ -5,7 +5,7 @@ use std::{path::PathBuf, time::Instant};
 use clap::Args;
 use serde::Serialize;
 use treewright_client::Configuration;
-use treewright_render_cli::error::{CliError, write_file};
+use treewright_render_cli::error::{CliError, Result, write_file};
 use treewright_render_cli::{interrupt::Interrupt, output, server::machine};
 use treewright_renderer::statistics::{Ratio, Summary};
 use treewright_renderer::tuning::safety::{DEAR_ABOVE, Safety};
@@ -87,7 +87,7 @@ struct Judged {
 }
 
 /// Takes the measurements that the book lacks, and judges all.
-pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
+pub(super) fn run(arguments: &Arguments) -> Result<()> {
     let machine = with_versions(machine(), arguments.context.threads)?;
     let mut open = OpenBook::open(&arguments.book, machine)?;
     if arguments.first_answers {
@@ -99,7 +99,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
     write_file(&arguments.book.with_extension("judged.json"), output::to_json(&Judged { rows })?.as_bytes())
 }
 
-fn measure(arguments: &Arguments, open: &mut OpenBook) -> Result<(), CliError> {
+fn measure(arguments: &Arguments, open: &mut OpenBook) -> Result<()> {
     let entries = arguments.scenes.beside(built_in())?;
     let interrupt = Interrupt::listen();
     let begin = Instant::now();
@@ -133,7 +133,7 @@ fn measure(arguments: &Arguments, open: &mut OpenBook) -> Result<(), CliError> {
 }
 
 /// Prints what the service answers now where it has measured nothing, by the recorded rounds of candidates.
-fn first_answers(book: &Book, context: Context) -> Result<(), CliError> {
+fn first_answers(book: &Book, context: Context) -> Result<()> {
     let mut table =
         output::table(&["objective", "scene", "over best fixed", "over used well", "answer", "reason"]);
     for objective in Objective::ALL {
@@ -183,7 +183,7 @@ fn take(
     step: Step,
     objective: Objective,
     name: String,
-) -> Result<(), CliError> {
+) -> Result<()> {
     match step {
         Step::Candidates => {
             let rounds = stage.candidates(&open.book, objective, arguments.rounds)?;

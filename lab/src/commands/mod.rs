@@ -13,7 +13,7 @@ mod verify_answers;
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
-use treewright_render_cli::{carry_out, error::CliError, manual::ManualCommand, output, parse_arguments};
+use treewright_render_cli::{carry_out, error::Result, manual::ManualCommand, output, parse_arguments};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -68,7 +68,7 @@ pub fn main() -> ExitCode {
     carry_out("treewright-lab", || run(&parse_arguments::<Cli>().command))
 }
 
-fn run(command: &Command) -> Result<(), CliError> {
+fn run(command: &Command) -> Result<()> {
     match command {
         Command::LeaveSceneOut(arguments) => leave_scene_out::run(arguments),
         Command::Fleet(arguments) => fleet::run(arguments),

@@ -7,7 +7,7 @@ use std::{path::PathBuf, sync::Arc};
 use clap::Args;
 use rayon::iter::{IntoParallelRefIterator as _, ParallelIterator as _};
 use treewright_client::Configuration;
-use treewright_render_cli::error::{CliError, write_file};
+use treewright_render_cli::error::{CliError, Result, write_file};
 use treewright_render_cli::{interrupt::Interrupt, output};
 use treewright_renderer::{limits::ROUNDS_MAX, space::TuningSpace, tuning::objective::Objective};
 
@@ -71,7 +71,7 @@ struct Examined {
 }
 
 impl Examined {
-    fn new(arguments: &FoldArguments) -> Result<Self, CliError> {
+    fn new(arguments: &FoldArguments) -> Result<Self> {
         let mut record = Record::read(&arguments.record)?;
         record.searches.retain(|search| search.method == METHOD.name());
         let space = space(&record.conditions);
@@ -91,7 +91,7 @@ impl Examined {
         for objective in &objectives {
             let searches = searches(&record, *objective, &complete);
             let school = School::new(space.space(), *objective, searches)?;
-            let answered: Result<Vec<_>, CliError> =
+            let answered: Result<Vec<_>> =
                 parted.par_iter().map(|fold| Ok((fold.clone(), school.answers(fold)?))).collect();
             by_objective.push(answered?);
         }
@@ -145,7 +145,7 @@ fn complete(record: &Record, objectives: &[Objective]) -> BTreeSet<Place> {
 }
 
 /// Measures the compared configurations of a place again, unless they were measured in shared rounds.
-pub(super) fn run(arguments: &VerifyArguments) -> Result<(), CliError> {
+pub(super) fn run(arguments: &VerifyArguments) -> Result<()> {
     let examined = Examined::new(&arguments.folds)?;
     let entries = arguments.scenes.entries()?;
     let mut open = OpenRecord::open(&arguments.folds.record, &examined.record.conditions)?;
@@ -176,14 +176,14 @@ pub(super) fn run(arguments: &VerifyArguments) -> Result<(), CliError> {
 }
 
 /// A scene of a record by its name.
-fn find<'a>(entries: &'a [Entry], scene: &str) -> Result<&'a Entry, CliError> {
+fn find<'a>(entries: &'a [Entry], scene: &str) -> Result<&'a Entry> {
     entries.iter().find(|entry| entry.name == scene).ok_or_else(|| {
         CliError::Usage(format!("the record has a scene {scene}; say where it is with --scene {scene}=PATH"))
     })
 }
 
 /// Judges a record and writes the page and its numbers.
-pub(super) fn report(arguments: &ReportArguments) -> Result<(), CliError> {
+pub(super) fn report(arguments: &ReportArguments) -> Result<()> {
     let examined = Examined::new(&arguments.folds)?;
     let mut verdicts: Vec<Verdict> = Vec::new();
     for (objective, answered) in examined.objectives.iter().zip(&examined.by_objective) {

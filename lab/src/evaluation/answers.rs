@@ -21,7 +21,7 @@ use treewright_core::{
     configuration::Configuration as Checked, indicator::IndicatorSchema, machines::Machines, search::Verdict,
     space::Space,
 };
-use treewright_render_cli::error::CliError;
+use treewright_render_cli::error::{CliError, Result};
 use treewright_renderer::{tuning::objective::Objective, tuning::workload};
 
 use super::folds::Fold;
@@ -75,7 +75,7 @@ impl<'a> School<'a> {
         space: &'a Space,
         objective: Objective,
         searches: impl Iterator<Item = &'a Search>,
-    ) -> Result<Self, CliError> {
+    ) -> Result<Self> {
         let schema = workload::schema()
             .map(|(name, min, max, scale)| Indicator { name: name.to_owned(), min, max, scale })
             .collect();
@@ -85,12 +85,12 @@ impl<'a> School<'a> {
         Ok(Self { space, schema, objective, searches, template })
     }
 
-    fn normalised(&self, search: &Search) -> Result<Vec<f64>, CliError> {
+    fn normalised(&self, search: &Search) -> Result<Vec<f64>> {
         self.schema.normalise(&search.state).map_err(|error| CliError::Failed(error.to_string()))
     }
 
     /// The verdict of every iteration, with its configuration.
-    fn lessons(&self, search: &Search) -> Result<Vec<(Checked, Verdict)>, CliError> {
+    fn lessons(&self, search: &Search) -> Result<Vec<(Checked, Verdict)>> {
         let mut lessons = Vec::with_capacity(search.iterations.len());
         for iteration in &search.iterations {
             let verdict = match (&iteration.outcome, &iteration.times) {
@@ -108,7 +108,7 @@ impl<'a> School<'a> {
     }
 
     /// All entrants' answers at the cameras of a fold that examine.
-    pub(crate) fn answers(&self, fold: &Fold) -> Result<Answers, CliError> {
+    pub(crate) fn answers(&self, fold: &Fold) -> Result<Answers> {
         let mut answers = Answers::new();
         let all = Class::taught(self, fold, false)?;
         let last = Class::taught(self, fold, true)?;
@@ -169,7 +169,7 @@ struct Class {
 }
 
 impl Class {
-    fn taught(school: &School<'_>, fold: &Fold, only_last: bool) -> Result<Self, CliError> {
+    fn taught(school: &School<'_>, fold: &Fold, only_last: bool) -> Result<Self> {
         let indicators = school.schema.indicators().len();
         let mut machines = Machines::default();
         machines.note_founder(None);
@@ -247,7 +247,7 @@ impl Class {
 struct Service(Tuner);
 
 impl Service {
-    fn taught(school: &School<'_>, fold: &Fold) -> Result<Self, CliError> {
+    fn taught(school: &School<'_>, fold: &Fold) -> Result<Self> {
         let mut tuner = tuner(school.space, &school.schema, STATE_TOLERANCE_DEFAULT)?;
         let mut now_ms = 0;
         for place in &fold.teach {
@@ -264,7 +264,7 @@ impl Service {
         Ok(Self(tuner))
     }
 
-    fn answer(&self, search: &Search) -> Result<Configuration, CliError> {
+    fn answer(&self, search: &Search) -> Result<Configuration> {
         let prediction = self.0.predict(&search.state, None).map_err(not_judged)?;
         Ok(prediction.configuration.to_raw().into())
     }
@@ -302,7 +302,7 @@ fn ask(search: &Search) -> Ask {
 }
 
 /// A tuner with the default policy that knows nothing yet.
-fn tuner(space: &Space, schema: &IndicatorSchema, state_tolerance: f64) -> Result<Tuner, CliError> {
+fn tuner(space: &Space, schema: &IndicatorSchema, state_tolerance: f64) -> Result<Tuner> {
     let term = ObjectiveTerm { metric: COST.to_owned(), weight: 1.0 };
     let spec = StudySpec {
         display_name: "evaluation".to_owned(),
@@ -319,11 +319,7 @@ fn tuner(space: &Space, schema: &IndicatorSchema, state_tolerance: f64) -> Resul
 }
 
 /// A trial as the core makes one.
-fn template(
-    space: &Space,
-    schema: &IndicatorSchema,
-    searches: &BTreeMap<&Place, &Search>,
-) -> Result<Trial, CliError> {
+fn template(space: &Space, schema: &IndicatorSchema, searches: &BTreeMap<&Place, &Search>) -> Result<Trial> {
     let first = searches.values().next().ok_or_else(|| not_judged("it holds no search"))?;
     let mut tuner = tuner(space, schema, 0.0)?;
     let (open, _) = tuner.suggest(&ask(first), 0).map_err(not_judged)?;

@@ -4,7 +4,7 @@
 //! splitting for rendering, small leaves for rendering and large ones for builds, blocks of the machine's
 //! vectors.
 
-use treewright_render_cli::error::CliError;
+use treewright_render_cli::error::Result;
 use treewright_renderer::space::{TuningSpace, parse};
 
 /// As texts; missing values are the recommended ones.
@@ -20,7 +20,7 @@ const PAPER: [&str; 8] = [
 ];
 
 /// The default of a space, then the candidates where it is the paper's.
-pub(crate) fn candidates(space: &TuningSpace) -> Result<Vec<treewright_client::Configuration>, CliError> {
+pub(crate) fn candidates(space: &TuningSpace) -> Result<Vec<treewright_client::Configuration>> {
     let mut all = vec![space.default_configuration()];
     if space.name() == "paper" {
         for text in PAPER {

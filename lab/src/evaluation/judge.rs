@@ -9,7 +9,7 @@ use std::collections::BTreeMap;
 
 use serde::Serialize;
 use treewright_client::Configuration;
-use treewright_render_cli::error::CliError;
+use treewright_render_cli::error::{CliError, Result};
 use treewright_renderer::tuning::objective::Objective;
 
 use super::answers::Answers;
@@ -111,7 +111,7 @@ pub(crate) fn judge(
     objective: Objective,
     searches: &BTreeMap<Place, &Search>,
     folds: &[(Fold, Answers)],
-) -> Result<Verdict, CliError> {
+) -> Result<Verdict> {
     let view = View { record, objective };
     let grounds: BTreeMap<&Place, Ground> =
         searches.iter().filter_map(|(place, search)| Some((place, view.ground(search)?))).collect();
@@ -177,7 +177,7 @@ struct View<'a> {
 }
 
 impl View<'_> {
-    fn group(&self, kind: GroupKind, place: &Place) -> Result<&Group, CliError> {
+    fn group(&self, kind: GroupKind, place: &Place) -> Result<&Group> {
         self.record.groups.get(&(kind, place.clone())).ok_or_else(|| {
             CliError::Failed(format!(
                 "camera {} of {} was not measured again; run `evaluate verify` first",

@@ -4,7 +4,7 @@ use std::{collections::BTreeMap, sync::Arc};
 
 use treewright_client::{Configuration, Indicators, Outcome};
 use treewright_core::search::{AnySearch, Feedback, SearchSetup, Verdict};
-use treewright_render_cli::error::CliError;
+use treewright_render_cli::error::{CliError, Result};
 use treewright_renderer::frame::{FrameTimes, Renderer};
 use treewright_renderer::tuning::search::{SearchSetting, trial};
 use treewright_renderer::{
@@ -42,7 +42,7 @@ impl Stage {
         scene: &Arc<Scene>,
         space: &Arc<TuningSpace>,
         record: &Record,
-    ) -> Result<Self, CliError> {
+    ) -> Result<Self> {
         let scene_hash = geometry_hash(scene);
         record.admit(name, &scene_hash)?;
         let conditions = &record.conditions;
@@ -110,7 +110,7 @@ impl Stage {
         camera: u32,
         objective: Objective,
         mut go_on: impl FnMut() -> bool,
-    ) -> Result<Option<Search>, CliError> {
+    ) -> Result<Option<Search>> {
         let setting = self.setting(camera, objective);
         let space = self.space.space();
         let mut search = AnySearch::new(METHOD, self.setup(camera));

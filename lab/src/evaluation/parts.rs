@@ -2,7 +2,7 @@
 //! splitting under frames of several sizes (4.1) and under needles that turn (4.3).
 
 use treewright_client::Configuration;
-use treewright_render_cli::error::CliError;
+use treewright_render_cli::error::Result;
 use treewright_renderer::space::{Narrowing, TuningSpace, parse};
 
 use super::measure::best;
@@ -40,7 +40,7 @@ pub(crate) const PARTS: [Part; 3] = [
 
 impl Part {
     /// Its space: all other parameters of the paper's space at their recommended values.
-    pub(crate) fn space(&self, whole: &TuningSpace) -> Result<TuningSpace, CliError> {
+    pub(crate) fn space(&self, whole: &TuningSpace) -> Result<TuningSpace> {
         let default = whole.default_configuration();
         let others = default.as_raw().iter().filter(|(name, _)| !self.parameters.contains(&name.as_str()));
         let held: Vec<Narrowing> =
@@ -50,10 +50,7 @@ impl Part {
 }
 
 /// The best and the last of a search over a part, as whole configurations. `None` if nothing was built.
-pub(crate) fn came_to(
-    search: &PartSearch,
-    whole: &TuningSpace,
-) -> Result<Option<[Configuration; 2]>, CliError> {
+pub(crate) fn came_to(search: &PartSearch, whole: &TuningSpace) -> Result<Option<[Configuration; 2]>> {
     let part = PARTS.iter().find(|part| part.name == search.part);
     let Some((part, objective)) = part.zip(search.search.minimised()) else { return Ok(None) };
     let space = part.space(whole)?;
@@ -64,11 +61,7 @@ pub(crate) fn came_to(
 }
 
 /// The configurations to measure again at a scene: the default, then its searches' results, each once.
-pub(crate) fn compared(
-    record: &Record,
-    whole: &TuningSpace,
-    scene: &str,
-) -> Result<Vec<Configuration>, CliError> {
+pub(crate) fn compared(record: &Record, whole: &TuningSpace, scene: &str) -> Result<Vec<Configuration>> {
     let mut all = vec![whole.default_configuration()];
     for search in record.parts.iter().filter(|search| search.search.place.scene == scene) {
         for one in came_to(search, whole)?.into_iter().flatten() {
@@ -81,7 +74,7 @@ pub(crate) fn compared(
 }
 
 /// The recommended build without splitting, and with it.
-pub(crate) fn pair(space: &TuningSpace) -> Result<[Configuration; 2], CliError> {
+pub(crate) fn pair(space: &TuningSpace) -> Result<[Configuration; 2]> {
     Ok([space.complete(&parse("quality=2")?)?, space.complete(&parse("quality=3")?)?])
 }
 

@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 use treewright_client::{Configuration, Fingerprint, Outcome};
 use treewright_core::policy::SearchMethod;
-use treewright_render_cli::error::CliError;
+use treewright_render_cli::error::{CliError, Result};
 use treewright_renderer::{frame::FrameTimes, statistics::Summary, tuning::objective::Objective};
 
 use crate::json_lines::{self, wrong};
@@ -256,7 +256,7 @@ impl Record {
     }
 
     /// Reads a file; the line that a killed run left unfinished is passed over.
-    pub(crate) fn read(path: &Path) -> Result<Self, CliError> {
+    pub(crate) fn read(path: &Path) -> Result<Self> {
         let (conditions, lines) = json_lines::read::<Conditions, Line>(path)?;
         if conditions.version > VERSION {
             let found = conditions.version;
@@ -279,7 +279,7 @@ impl Record {
     }
 
     /// Refuses a scene under the name of one that has another geometry.
-    pub(crate) fn admit(&self, scene: &str, hash: &str) -> Result<(), CliError> {
+    pub(crate) fn admit(&self, scene: &str, hash: &str) -> Result<()> {
         match self.scenes.get(scene).filter(|known| *known != hash) {
             None => Ok(()),
             Some(known) => {
@@ -294,7 +294,7 @@ impl Record {
         }
     }
 
-    fn check(&self, line: &Line) -> Result<(), CliError> {
+    fn check(&self, line: &Line) -> Result<()> {
         let (place, Some(provenance)) = line.measured() else { return Ok(()) };
         self.admit(&place.scene, &provenance.scene_hash)
     }
@@ -326,7 +326,7 @@ pub(crate) struct OpenRecord {
 
 impl OpenRecord {
     /// Opens or begins a record. One of other conditions, or of an older form, is refused.
-    pub(crate) fn open(path: &Path, conditions: &Conditions) -> Result<Self, CliError> {
+    pub(crate) fn open(path: &Path, conditions: &Conditions) -> Result<Self> {
         json_lines::begin(path, conditions)?;
         let record = Record::read(path)?;
         let (found, asked) = (&record.conditions, conditions);
@@ -354,7 +354,7 @@ impl OpenRecord {
     }
 
     /// Adds a line; it is on the disk when this returns. One of another scene is refused.
-    pub(crate) fn add(&mut self, line: Line) -> Result<(), CliError> {
+    pub(crate) fn add(&mut self, line: Line) -> Result<()> {
         self.record.check(&line)?;
         json_lines::add(&self.path, &line)?;
         self.record.take(line);

@@ -5,7 +5,7 @@ use std::{borrow::Cow, collections::BTreeMap, collections::btree_map::Entry};
 
 use treewright_client::Options;
 use treewright_client::blocking::{Client, Study};
-use treewright_render_cli::error::CliError;
+use treewright_render_cli::error::Result;
 use treewright_renderer::{tuning::objective::Objective, tuning::who::Who};
 
 use super::machines::{Level, Machine};
@@ -40,14 +40,14 @@ pub(crate) struct Node<'a> {
 }
 
 impl Node<'_> {
-    fn join(&self, daemon: &Daemon, machine: &Machine) -> Result<(Client, Study), CliError> {
+    fn join(&self, daemon: &Daemon, machine: &Machine) -> Result<(Client, Study)> {
         let fingerprint = machine.fingerprint(&self.conditions.processor);
         let options = Options::new().client_id(machine.to_string()).fingerprint(fingerprint);
         join(daemon, OBJECTIVE, &space(OBJECTIVE), options)
     }
 
     /// A search by a daemon that knows nothing.
-    pub(crate) fn search(&self, stage: &mut Stage) -> Result<RecordedSearch, CliError> {
+    pub(crate) fn search(&self, stage: &mut Stage) -> Result<RecordedSearch> {
         self.search_knowing(stage, &[], self.conditions.frames)
     }
 
@@ -57,7 +57,7 @@ impl Node<'_> {
         stage: &mut Stage,
         known: &[&At<RecordedSearch>],
         frames: u32,
-    ) -> Result<RecordedSearch, CliError> {
+    ) -> Result<RecordedSearch> {
         let daemon = Daemon::start()?;
         self.teach(&daemon, known)?;
         let (client, study) = self.join(&daemon, self.machine)?;
@@ -65,7 +65,7 @@ impl Node<'_> {
     }
 
     /// Reports recorded searches as if their machines worked side by side, trial by trial.
-    fn teach(&self, daemon: &Daemon, known: &[&At<RecordedSearch>]) -> Result<(), CliError> {
+    fn teach(&self, daemon: &Daemon, known: &[&At<RecordedSearch>]) -> Result<()> {
         let mut joined = BTreeMap::new();
         for one in known {
             if let Entry::Vacant(vacant) = joined.entry(one.machine.to_string()) {
@@ -87,12 +87,7 @@ impl Node<'_> {
     }
 
     /// The answers of all predictors before and after the first frames, the defaults, and the search's own.
-    pub(crate) fn examine(
-        &self,
-        stage: &mut Stage,
-        scene: &str,
-        record: &Record,
-    ) -> Result<RecordedRounds, CliError> {
+    pub(crate) fn examine(&self, stage: &mut Stage, scene: &str, record: &Record) -> Result<RecordedRounds> {
         let Conditions { first_frames, rounds, .. } = *self.conditions;
         let space = space(OBJECTIVE);
         let mut entrants = vec![(RECOMMENDED, space.default_configuration())];

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 use treewright_client::Fingerprint;
-use treewright_render_cli::error::CliError;
+use treewright_render_cli::error::{CliError, Result};
 
 use super::machines::Machine;
 use crate::json_lines;
@@ -66,7 +66,7 @@ pub(crate) struct Record {
 
 impl Record {
     /// Reads a record. A last line without an end does not count.
-    pub(crate) fn read(path: &Path) -> Result<Self, CliError> {
+    pub(crate) fn read(path: &Path) -> Result<Self> {
         let (conditions, lines) = json_lines::read::<Conditions, Line>(path)?;
         let mut record = Self { conditions, searches: Vec::new(), answers: Vec::new() };
         for line in lines {
@@ -79,7 +79,7 @@ impl Record {
     }
 
     /// Begins a record, or continues one with these conditions.
-    pub(crate) fn open(path: &Path, conditions: &Conditions) -> Result<Self, CliError> {
+    pub(crate) fn open(path: &Path, conditions: &Conditions) -> Result<Self> {
         json_lines::begin(path, conditions)?;
         let record = Self::read(path)?;
         if record.conditions == *conditions {

@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 use treewright_client::{Configuration, Fingerprint, Indicators, Outcome};
-use treewright_render_cli::error::{CliError, write_file};
+use treewright_render_cli::error::{CliError, Result, write_file};
 use treewright_render_cli::output;
 use treewright_renderer::{frame::FrameTimes, measure::Measured, tuning::who::Who};
 
@@ -126,7 +126,7 @@ pub(crate) struct OpenBook {
 
 impl OpenBook {
     /// Reads a book, or begins one of this machine.
-    pub(crate) fn open(path: &Path, machine: Fingerprint) -> Result<Self, CliError> {
+    pub(crate) fn open(path: &Path, machine: Fingerprint) -> Result<Self> {
         let wrong = |cause: String| {
             CliError::Failed(format!("{} is no book of this program: {cause}", path.display()))
         };
@@ -147,7 +147,7 @@ impl OpenBook {
     }
 
     /// Writes it down.
-    pub(crate) fn save(&self) -> Result<(), CliError> {
+    pub(crate) fn save(&self) -> Result<()> {
         write_file(&self.path, output::to_json(&self.book)?.as_bytes())
     }
 }

@@ -4,7 +4,7 @@ use std::io::{BufRead as _, BufReader};
 use std::process::{Child, ChildStdout, Command, Stdio};
 
 use tempfile::TempDir;
-use treewright_render_cli::error::CliError;
+use treewright_render_cli::error::{CliError, Result};
 
 /// The program, in the folder of this one.
 const PROGRAM: &str = "treewrightd";
@@ -21,7 +21,7 @@ pub(crate) struct Daemon {
 
 impl Daemon {
     /// Starts one on a free port.
-    pub(crate) fn start() -> Result<Self, CliError> {
+    pub(crate) fn start() -> Result<Self> {
         let failed = |what: String| CliError::Failed(format!("{PROGRAM} does not start: {what}"));
         let own = std::env::current_exe().map_err(|error| failed(error.to_string()))?;
         let program = own.with_file_name(PROGRAM);

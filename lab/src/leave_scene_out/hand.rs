@@ -1,7 +1,7 @@
 //! Configurations that anybody can write down, for either objective: candidates for the best fixed one.
 
 use treewright_client::Configuration;
-use treewright_render_cli::error::CliError;
+use treewright_render_cli::error::Result;
 use treewright_renderer::space::{TuningSpace, parse};
 use treewright_renderer::tuning::objective::Objective;
 use treewright_renderer::tuning::verdict::{self, Rival};
@@ -37,7 +37,7 @@ const TOTAL: [&str; 11] = [
 ];
 
 /// A configuration that takes part in rounds.
-pub(crate) fn rival(who: Who, space: &TuningSpace, configuration: Configuration) -> Result<Rival, CliError> {
+pub(crate) fn rival(who: Who, space: &TuningSpace, configuration: Configuration) -> Result<Rival> {
     let contender = verdict::contender(who, space, &configuration)?;
     Ok(Rival { contender, configuration: Some(configuration) })
 }
@@ -54,7 +54,7 @@ pub(crate) fn natives(space: &TuningSpace) -> Vec<Rival> {
 }
 
 /// Native Embree and every candidate for an objective once.
-pub(crate) fn rivals(space: &TuningSpace, objective: Objective) -> Result<Vec<Rival>, CliError> {
+pub(crate) fn rivals(space: &TuningSpace, objective: Objective) -> Result<Vec<Rival>> {
     let mut all = natives(space);
     let texts = match objective {
         Objective::Render | Objective::Error => &RENDER[..],
@@ -69,11 +69,7 @@ pub(crate) fn rivals(space: &TuningSpace, objective: Objective) -> Result<Vec<Ri
 }
 
 /// Adds a configuration under its own text, unless it is there.
-pub(crate) fn push(
-    all: &mut Vec<Rival>,
-    space: &TuningSpace,
-    configuration: Configuration,
-) -> Result<(), CliError> {
+pub(crate) fn push(all: &mut Vec<Rival>, space: &TuningSpace, configuration: Configuration) -> Result<()> {
     if all.iter().all(|rival| rival.configuration.as_ref() != Some(&configuration)) {
         let who = Who::Named(configuration.to_string().into());
         all.push(rival(who, space, configuration)?);

@@ -4,7 +4,7 @@ use std::{collections::BTreeMap, sync::Arc, time::Duration};
 
 use treewright_client::blocking::{Client, Study};
 use treewright_client::{Indicators, Options, Policy, Prediction, SessionPolicy};
-use treewright_render_cli::{error::CliError, interrupt::Interrupt, server::machine};
+use treewright_render_cli::{error::CliError, error::Result, interrupt::Interrupt, server::machine};
 use treewright_renderer::measure::{Conditions, Contender, Yardstick, interleaved};
 use treewright_renderer::space::{Premises, Preset, TuningSpace};
 use treewright_renderer::tuning::objective::{Objective, measurements, specification, study_id};
@@ -45,7 +45,7 @@ impl Stage {
         scene: &Arc<Scene>,
         context: Context,
         interrupt: Interrupt,
-    ) -> Result<Self, CliError> {
+    ) -> Result<Self> {
         let workload = Workload::of(scene, context.size.width, context.size.height, BOUNCES);
         let renderer = Renderer::new(scene.clone(), context.threads)?;
         Ok(Self { renderer, workload, context, scene: name.to_owned(), interrupt })
@@ -61,7 +61,7 @@ impl Stage {
         book: &Book,
         objective: Objective,
         rounds: u32,
-    ) -> Result<RecordedRounds, CliError> {
+    ) -> Result<RecordedRounds> {
         let space = space(objective);
         let mut all = hand::rivals(&space, objective)?;
         for scene in book.scenes.keys() {
@@ -79,7 +79,7 @@ impl Stage {
         book: &Book,
         objective: Objective,
         rounds: u32,
-    ) -> Result<Option<RecordedRounds>, CliError> {
+    ) -> Result<Option<RecordedRounds>> {
         let context = self.context.to_string();
         let (Some(search), Some(fixed)) = (
             book.searches.get(&key(LEFT_OUT, objective, &self.scene, &context)),
@@ -144,7 +144,7 @@ impl Stage {
         objective: Objective,
         iterations: u32,
         others: bool,
-    ) -> Result<RecordedSearch, CliError> {
+    ) -> Result<RecordedSearch> {
         let daemon = Daemon::start()?;
         let threads = u32::try_from(self.context.threads).unwrap_or(u32::MAX);
         let options = Options::new().fingerprint(machine().threads(threads));
@@ -162,7 +162,7 @@ impl Stage {
         study: &Study,
         objective: Objective,
         iterations: u32,
-    ) -> Result<RecordedSearch, CliError> {
+    ) -> Result<RecordedSearch> {
         let space = Arc::new(space(objective));
         let camera = self.renderer.scene().cameras[0];
         let state = self.workload.state(&SceneIndicators::of(self.renderer.scene()).with_camera(&camera));
@@ -227,7 +227,7 @@ fn teach(
     without: &str,
     context: &str,
     (client, study): (&Client, &Study),
-) -> Result<(), CliError> {
+) -> Result<()> {
     let own = judge::found_only_in(book, objective, without, context);
     for scene in book.scenes.keys().filter(|scene| *scene != without) {
         let Some(search) = book.searches.get(&key(ALONE, objective, scene, context)) else {
@@ -254,7 +254,7 @@ pub(crate) fn first_answer(
     objective: Objective,
     scene: &str,
     context: Context,
-) -> Result<Option<Prediction>, CliError> {
+) -> Result<Option<Prediction>> {
     let name = context.to_string();
     let Some(search) = book.searches.get(&key(ALONE, objective, scene, &name)) else {
         return Ok(None);
@@ -272,7 +272,7 @@ pub(crate) fn join(
     objective: Objective,
     space: &TuningSpace,
     options: Options,
-) -> Result<(Client, Study), CliError> {
+) -> Result<(Client, Study)> {
     let client = Client::connect(&daemon.url, options.deadline(DEADLINE))?;
     let study = client.study(&study_id(objective, space), specification(space, objective, Policy::new())?)?;
     Ok((client, study))
@@ -284,7 +284,7 @@ pub(crate) fn tell(
     state: &Indicators,
     trial: &RecordedTrial,
     objective: Objective,
-) -> Result<(), CliError> {
+) -> Result<()> {
     let suggestion = study.trial_of(state, &trial.configuration)?;
     Ok(suggestion.report(measurements(trial.times, 1, objective), trial.outcome.clone())?)
 }

@@ -3,7 +3,7 @@
 use std::{fmt, str::FromStr, sync::Arc};
 
 use treewright_render_cli::arguments::{SceneArguments, Size};
-use treewright_render_cli::error::CliError;
+use treewright_render_cli::error::Result;
 use treewright_renderer::limits::THREADS_MAX;
 use treewright_scene::Scene;
 
@@ -50,7 +50,7 @@ pub(crate) fn built_in() -> Vec<Entry> {
 }
 
 impl Entry {
-    pub(crate) fn load(&self) -> Result<Arc<Scene>, CliError> {
+    pub(crate) fn load(&self) -> Result<Arc<Scene>> {
         let Self { path, detail, seed, time, .. } = self;
         SceneArguments::plain(path.clone(), *detail, *seed, *time).load()
     }

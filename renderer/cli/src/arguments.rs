@@ -7,7 +7,7 @@ use glam::DVec3;
 use treewright_accel::{BuildChoice, NativeOptions, NativeQuality};
 use treewright_client::{Configuration, Indicators};
 
-use crate::error::CliError;
+use crate::error::{CliError, Result};
 use crate::names::{number_within, one_of};
 pub use crate::scene_arguments::SceneArguments;
 use treewright_renderer::frame::{Renderer, RendererError};
@@ -51,7 +51,7 @@ pub struct CameraArguments {
 impl CameraArguments {
     /// Finds the camera: the one asked for, a point of the path, or the scene's first. Given values replace
     /// its own.
-    pub fn find(&self, scene: &Scene) -> Result<Camera, CliError> {
+    pub fn find(&self, scene: &Scene) -> Result<Camera> {
         let chosen = self.chosen(scene)?;
         let camera = self.changed(chosen, &scene.placement);
         if camera.position == camera.target {
@@ -74,7 +74,7 @@ impl CameraArguments {
         }
     }
 
-    fn chosen(&self, scene: &Scene) -> Result<Camera, CliError> {
+    fn chosen(&self, scene: &Scene) -> Result<Camera> {
         match (self.camera, self.at) {
             (Some(number), _) => scene.cameras.get(number).copied().ok_or_else(|| {
                 CliError::Usage(format!(
@@ -187,7 +187,7 @@ impl SpaceArguments {
     ///
     /// # Errors
     /// The two do not go together.
-    pub fn judged_by(self, objective: Objective) -> Result<Self, CliError> {
+    pub fn judged_by(self, objective: Objective) -> Result<Self> {
         let (name, space) = (objective.name(), self.space.name());
         match (objective.own_space(), self.space) {
             (Some(own), Preset::Full) => Ok(Self { space: own, ..self }),
@@ -208,7 +208,7 @@ impl SpaceArguments {
     }
 
     /// The space of a study: one for all scenes, but for light sampling.
-    pub fn of(&self, scene: &Scene, objective: Objective) -> Result<TuningSpace, CliError> {
+    pub fn of(&self, scene: &Scene, objective: Objective) -> Result<TuningSpace> {
         self.checked(self.premises(scene, objective))
     }
 
@@ -222,12 +222,12 @@ impl SpaceArguments {
     }
 
     /// The space with every parameter there is, to read configurations with.
-    pub fn whole(&self, objective: Objective) -> Result<TuningSpace, CliError> {
+    pub fn whole(&self, objective: Objective) -> Result<TuningSpace> {
         let builds_each_frame = objective.begins_with_cheap_builds();
         self.checked(Premises { builds_each_frame, robust: self.robust, ..Premises::all() })
     }
 
-    fn checked(&self, premises: Premises) -> Result<TuningSpace, CliError> {
+    fn checked(&self, premises: Premises) -> Result<TuningSpace> {
         if self.robust && self.space == Preset::Paper {
             return Err(CliError::Usage(
                 "--robust goes with the full space; in --space paper it is a parameter: --config robust=true"
@@ -251,7 +251,7 @@ pub struct StartArguments {
 
 impl StartArguments {
     /// The start, and the space that begins there.
-    pub fn of(&self, space: &TuningSpace) -> Result<(Start, TuningSpace), CliError> {
+    pub fn of(&self, space: &TuningSpace) -> Result<(Start, TuningSpace)> {
         let start = match self.start.as_str() {
             "recommended" => Start::Recommended,
             "native" => Start::Native,
@@ -289,7 +289,7 @@ pub struct StructureArguments {
 
 impl StructureArguments {
     /// The structure to build and the way to render: the space's default without arguments.
-    pub fn choice(&self) -> Result<Choice, CliError> {
+    pub fn choice(&self) -> Result<Choice> {
         let space = self.space.whole(Objective::Render)?;
         if let Some(quality) = self.native {
             let robust = self.space.robust;
@@ -341,7 +341,7 @@ impl FromStr for NamedConfiguration {
 }
 
 /// Reads a configuration from JSON: an object of parameters, or an object that holds one as `configuration`.
-pub fn read_configuration(path: &std::path::Path) -> Result<Configuration, CliError> {
+pub fn read_configuration(path: &std::path::Path) -> Result<Configuration> {
     let text = std::fs::read_to_string(path)
         .map_err(|error| CliError::Failed(format!("{} cannot be read: {error}", path.display())))?;
     let wrong = |cause: String| {

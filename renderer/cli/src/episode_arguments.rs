@@ -9,7 +9,7 @@ use treewright_renderer::{
 };
 use treewright_scene::Scene;
 
-use crate::{error::CliError, scene_arguments::SceneArguments};
+use crate::{error::CliError, error::Result, scene_arguments::SceneArguments};
 
 /// Which stretch of a motion a trial shows.
 #[derive(Args, Clone, Copy, Debug)]
@@ -34,7 +34,7 @@ impl EpisodeArguments {
         scene: &SceneArguments,
         space: &TuningSpace,
         renderer: &mut Renderer,
-    ) -> Result<Option<MotionFacts>, CliError> {
+    ) -> Result<Option<MotionFacts>> {
         if objective != Objective::Motion {
             return Ok(None);
         }
@@ -43,7 +43,7 @@ impl EpisodeArguments {
         facts.map_err(|error| CliError::Failed(error.to_string()))
     }
 
-    fn moments(self, scene: &SceneArguments) -> Result<Vec<Arc<Scene>>, CliError> {
+    fn moments(self, scene: &SceneArguments) -> Result<Vec<Arc<Scene>>> {
         let moving = scene.moving()?;
         let moment = |frame: u32| moving.at(scene.time + self.cycles * frame as f32 / self.episode as f32);
         let first = moment(0)?;

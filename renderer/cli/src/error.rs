@@ -8,6 +8,9 @@ use treewright_client::ClientError;
 use treewright_renderer::{frame::RendererError, image_file::ImageFileError, space::ConfigurationError};
 use treewright_scene::SceneError;
 
+/// A [`CliError`] unless another error is named.
+pub type Result<T, E = CliError> = std::result::Result<T, E>;
+
 /// Why a command ended without success.
 #[derive(Debug, thiserror::Error)]
 pub enum CliError {
@@ -66,13 +69,13 @@ macro_rules! failed {
 failed!(SceneError, ImageFileError, RendererError, BuildError, DeviceError);
 
 /// Writes a file, or says which and why not.
-pub fn write_file(path: &std::path::Path, bytes: &[u8]) -> Result<(), CliError> {
+pub fn write_file(path: &std::path::Path, bytes: &[u8]) -> Result<()> {
     std::fs::write(path, bytes)
         .map_err(|error| CliError::Failed(format!("{} cannot be written: {error}", path.display())))
 }
 
 /// Checks that the folder of a file exists, before minutes go into its contents.
-pub fn check_folder(path: &std::path::Path) -> Result<(), CliError> {
+pub fn check_folder(path: &std::path::Path) -> Result<()> {
     match path.parent() {
         Some(folder) if !folder.as_os_str().is_empty() && !folder.is_dir() => Err(CliError::Failed(format!(
             "{}: the folder {} does not exist; create it first",

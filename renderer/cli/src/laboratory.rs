@@ -5,7 +5,7 @@ use std::{ffi::OsString, io::ErrorKind, os::unix::process::CommandExt as _, proc
 
 use clap::Args;
 
-use crate::error::CliError;
+use crate::error::{CliError, Result};
 
 /// The program that knows these commands.
 const PROGRAM: &str = "treewright-lab";
@@ -19,7 +19,7 @@ pub(crate) struct Arguments {
 }
 
 /// Becomes `treewright-lab` with these arguments; returns only when that is not possible.
-pub(crate) fn run(command: &str, arguments: &Arguments) -> Result<(), CliError> {
+pub(crate) fn run(command: &str, arguments: &Arguments) -> Result<()> {
     let own = std::env::current_exe()
         .map_err(|error| CliError::Failed(format!("the program's own folder is unknown: {error}")))?;
     let program = own.with_file_name(PROGRAM);

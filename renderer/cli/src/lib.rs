@@ -37,7 +37,7 @@ use treewright_accel::Isa;
 pub use treewright_client::parse_arguments;
 
 use commands::{bench, best, image, info, play, rays, rounds, sample, tune};
-use error::CliError;
+use error::{CliError, Result};
 use manual::ManualCommand;
 
 const EXAMPLES: &str = "\
@@ -117,7 +117,7 @@ pub fn main() -> ExitCode {
 
 /// Carries out what the command line asks a program for. Warnings go to standard error as `TREEWRIGHT_LOG`
 /// lets them. Freed memory is kept for the next tree. `TREEWRIGHT_ISA` names the widest instruction set.
-pub fn carry_out(program: &str, run: impl FnOnce() -> Result<(), CliError>) -> ExitCode {
+pub fn carry_out(program: &str, run: impl FnOnce() -> Result<()>) -> ExitCode {
     end_with_the_reader();
     // Where the C library does not know how, builds are slower and nothing else changes.
     let _ = treewright_accel::keep_freed_memory();
@@ -151,7 +151,7 @@ fn end_with_the_reader() {
 }
 
 /// Keeps to the instruction set that the environment names.
-fn limit_instruction_set() -> Result<(), CliError> {
+fn limit_instruction_set() -> Result<()> {
     let name = std::env::var("TREEWRIGHT_ISA").unwrap_or_default();
     if name.is_empty() {
         return Ok(());
@@ -168,7 +168,7 @@ fn limit_instruction_set() -> Result<(), CliError> {
     }
 }
 
-fn run(command: &Command) -> Result<(), CliError> {
+fn run(command: &Command) -> Result<()> {
     match command {
         Command::Image(arguments) => image::run(arguments),
         Command::Info(arguments) => info::info(arguments),

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::Subcommand;
 
-use crate::error::CliError;
+use crate::error::{CliError, Result};
 
 /// The commands that each program has besides its own.
 #[derive(Clone, Debug, Subcommand)]
@@ -23,7 +23,7 @@ pub enum ManualCommand {
 
 impl ManualCommand {
     /// Carries it out for the program with this command line.
-    pub fn run(&self, mut program: clap::Command) -> Result<(), CliError> {
+    pub fn run(&self, mut program: clap::Command) -> Result<()> {
         let name = program.get_name().to_owned();
         match self {
             Self::Completions { shell } => {

@@ -3,7 +3,7 @@
 
 use clap::Args;
 
-use crate::error::CliError;
+use crate::error::Result;
 use treewright_renderer::space::{Narrowing, Recommendation, TuningSpace, short_hash};
 
 /// Which part of the space.
@@ -31,7 +31,7 @@ impl NarrowingArguments {
     }
 
     /// The part of a space that is left. Recommended parameters that the space lacks are passed over.
-    pub fn of(&self, space: &TuningSpace) -> Result<TuningSpace, CliError> {
+    pub fn of(&self, space: &TuningSpace) -> Result<TuningSpace> {
         let has = |one: &Narrowing| space.explained().any(|known| known.parameter.name == one.name());
         let recommended = self.recommended.map(Recommendation::narrowings).unwrap_or_default();
         let mut all: Vec<Narrowing> = recommended.into_iter().filter(has).collect();

@@ -4,19 +4,19 @@ use comfy_table::{CellAlignment, ContentArrangement, LineStyle, Table, presets};
 use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 
-use crate::error::CliError;
+use crate::error::{CliError, Result};
 use treewright_renderer::tuning::who::{NATIVE_DEFAULT, Who};
 use treewright_renderer::{integrator::Omission, measure::Standing};
 use treewright_scene::Scene;
 
 /// Prints a value as indented JSON.
-pub fn json(value: &impl Serialize) -> Result<(), CliError> {
+pub fn json(value: &impl Serialize) -> Result<()> {
     println!("{}", to_json(value)?);
     Ok(())
 }
 
 /// A value as indented JSON.
-pub fn to_json(value: &impl Serialize) -> Result<String, CliError> {
+pub fn to_json(value: &impl Serialize) -> Result<String> {
     serde_json::to_string_pretty(value)
         .map_err(|error| CliError::Failed(format!("the results cannot be written as JSON: {error}")))
 }

@@ -3,7 +3,7 @@
 use clap::Args;
 use treewright_renderer::{tuning::objective::Objective, tuning::reuse::FRAMES_PER_BUILD_MAX};
 
-use crate::error::CliError;
+use crate::error::{CliError, Result};
 
 /// Where none is given.
 const FRAMES_PER_BUILD: u32 = 16;
@@ -22,7 +22,7 @@ impl ReuseArguments {
     ///
     /// # Errors
     /// A number of frames was given for another objective than `auto`.
-    pub(crate) fn of(self, objective: Objective) -> Result<Objective, CliError> {
+    pub(crate) fn of(self, objective: Objective) -> Result<Objective> {
         match (objective, self.frames_per_build) {
             (Objective::Auto(_), frames) => Ok(Objective::Auto(frames.unwrap_or(FRAMES_PER_BUILD))),
             (other, None) => Ok(other),

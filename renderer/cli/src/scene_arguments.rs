@@ -6,7 +6,7 @@ use clap::{Args, builder::TypedValueParser};
 use treewright_scene::motion::{Motion, Mover};
 use treewright_scene::{Environment, Scene, Sky, Up, builtin, load_upright};
 
-use crate::error::CliError;
+use crate::error::{CliError, Result};
 use crate::names::{number_within, one_of};
 
 /// Prefix of the names of built-in scenes.
@@ -83,7 +83,7 @@ impl SceneArguments {
     ///
     /// # Errors
     /// Nothing moves in it, or it cannot be loaded.
-    pub fn moving(&self) -> Result<Moving, CliError> {
+    pub fn moving(&self) -> Result<Moving> {
         match self.motion {
             Some(Motion::File) => return self.of_file(self.still()?),
             Some(motion) if self.animation.is_none() => {
@@ -116,12 +116,12 @@ impl SceneArguments {
         )))
     }
 
-    fn of_file(&self, still: Arc<Scene>) -> Result<Moving, CliError> {
+    fn of_file(&self, still: Arc<Scene>) -> Result<Moving> {
         Ok(Moving::Made(Box::new(Mover::of_file(still, self.animation.as_deref())?)))
     }
 
     /// Loads or generates the scene, at its time.
-    pub fn load(&self) -> Result<Arc<Scene>, CliError> {
+    pub fn load(&self) -> Result<Arc<Scene>> {
         let mut scene = match self.motion.is_some() || self.animation.is_some() {
             true => self.moving()?.at(self.time)?,
             false => self.still()?,
@@ -131,7 +131,7 @@ impl SceneArguments {
         Ok(scene)
     }
 
-    fn still(&self) -> Result<Arc<Scene>, CliError> {
+    fn still(&self) -> Result<Arc<Scene>> {
         let scene = match self.scene.strip_prefix(BUILTIN) {
             Some(_) if self.up_axis != Up::Y => {
                 return Err(CliError::Usage("--up-axis is for files; built-in scenes stand on y".to_owned()));
@@ -169,7 +169,7 @@ impl Moving {
     ///
     /// # Errors
     /// The motion leads out of the space that there is.
-    pub fn at(&self, time: f32) -> Result<Arc<Scene>, CliError> {
+    pub fn at(&self, time: f32) -> Result<Arc<Scene>> {
         match self {
             Self::Itself(arguments) => SceneArguments { time, ..(**arguments).clone() }.still(),
             Self::Made(mover) => Ok(mover.at(time)?),

@@ -6,7 +6,7 @@ use clap::Args;
 use treewright_accel::{Device, Isa};
 use treewright_client::{CredentialArguments, Fingerprint, Options, blocking::Client, detect_fingerprint};
 
-use crate::error::CliError;
+use crate::error::Result;
 
 /// Where the service is, and which study.
 #[derive(Args, Clone, Debug)]
@@ -40,12 +40,12 @@ pub fn machine() -> Fingerprint {
 
 impl ServerArguments {
     /// Connects, and makes sure that a daemon answers.
-    pub fn connect(&self, threads: usize) -> Result<Client, CliError> {
+    pub fn connect(&self, threads: usize) -> Result<Client> {
         self.connect_within(threads, Duration::from_millis(self.deadline_ms))
     }
 
     /// Connects with another time limit for calls.
-    pub fn connect_within(&self, threads: usize, deadline: Duration) -> Result<Client, CliError> {
+    pub fn connect_within(&self, threads: usize, deadline: Duration) -> Result<Client> {
         let (major, minor, patch) = Device::open(threads)?.version();
         // What other versions of either measured does not hold for this one.
         let mut fingerprint = machine()

@@ -11,7 +11,7 @@ use serde::Serialize;
 use treewright_client::Configuration;
 
 use crate::arguments::{NamedConfiguration, SpaceArguments, ViewArguments, note_retired, read_configuration};
-use crate::error::{CliError, write_file};
+use crate::error::{CliError, Result, write_file};
 use crate::{interrupt::Interrupt, output};
 use treewright_renderer::disturbance::{Disturbance, Watch};
 use treewright_renderer::limits::{CONTENDERS_MAX, ROUNDS_MAX};
@@ -114,14 +114,14 @@ impl<'a> Builds<'a> {
 }
 
 /// A configuration of the user's.
-fn own(name: &str, space: &TuningSpace, configuration: &Configuration) -> Result<Contender, CliError> {
+fn own(name: &str, space: &TuningSpace, configuration: &Configuration) -> Result<Contender> {
     let own = contender(Who::Named(name.to_owned().into()), space, configuration)?;
     note_retired(space, configuration);
     Ok(own)
 }
 
 /// Everybody who takes part: native Embree, the best fixed configurations, and those of the user's.
-fn contenders(arguments: &Arguments, scene: &Scene) -> Result<Vec<Contender>, CliError> {
+fn contenders(arguments: &Arguments, scene: &Scene) -> Result<Vec<Contender>> {
     let premises = |each_frame| Premises {
         builds_each_frame: each_frame,
         ..arguments.space.premises(scene, Objective::Render)
@@ -147,7 +147,7 @@ fn contenders(arguments: &Arguments, scene: &Scene) -> Result<Vec<Contender>, Cl
 }
 
 /// Measures and prints.
-pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
+pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let scene = arguments.view.scene.load()?;
     let contenders = contenders(arguments, &scene)?;
     let camera = arguments.view.camera.find(&scene)?;
@@ -235,7 +235,7 @@ fn ranked(measured: &[Measured], objective: Objective) -> Vec<Standing> {
 }
 
 /// Keeps those that are asked for, in the order in which they stand.
-fn select(contenders: &mut Vec<Contender>, only: &[String]) -> Result<(), CliError> {
+fn select(contenders: &mut Vec<Contender>, only: &[String]) -> Result<()> {
     // Of native used well there are several ways, of the best fixed one several objectives.
     let is_meant = |one: &Contender, name: &str| {
         one.who.to_string().strip_prefix(name).is_some_and(|rest| rest.is_empty() || rest.starts_with(' '))

@@ -8,7 +8,7 @@ use treewright_client::{ClientError, Configuration};
 
 use crate::arguments::{SpaceArguments, StartArguments, ViewArguments, objective};
 use crate::{
-    episode_arguments::EpisodeArguments, error::CliError, narrowing::NarrowingArguments, output,
+    episode_arguments::EpisodeArguments, error::Result, narrowing::NarrowingArguments, output,
     reuse_arguments::ReuseArguments, server::ServerArguments,
 };
 use treewright_renderer::tuning::objective::{Objective, study_id};
@@ -52,7 +52,7 @@ struct Answer {
 }
 
 /// Asks and prints JSON.
-pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
+pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let client = arguments.server.connect(arguments.view.frame.threads)?;
     let scene = arguments.view.scene.load()?;
     let camera = arguments.view.camera.find(&scene)?;

@@ -7,7 +7,7 @@ use indicatif::ProgressBar;
 use serde::Serialize;
 
 use crate::arguments::{CameraArguments, FrameArguments, SceneArguments, Size, StructureArguments};
-use crate::error::{CliError, check_folder};
+use crate::error::{CliError, Result, check_folder};
 use crate::{interrupt::Interrupt, names::one_of, output};
 use treewright_renderer::image_file::{self, Exposure, Look, Tone};
 use treewright_renderer::integrator::{Counts, Omission};
@@ -80,7 +80,7 @@ struct Outcome {
 }
 
 /// Renders the picture.
-pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
+pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     check_folder(&arguments.out)?;
     image_file::check_path(&arguments.out)?;
     let choice = arguments.structure.choice()?;

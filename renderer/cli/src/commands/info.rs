@@ -5,7 +5,7 @@ use serde::Serialize;
 use treewright_client::{Configuration, Constraint, Indicators};
 
 use crate::arguments::{CameraArguments, SceneArguments, SpaceArguments, indicators, objective};
-use crate::{error::CliError, output};
+use crate::{error::Result, output};
 use treewright_renderer::integrator::{Omission, Prepared};
 use treewright_renderer::space::{Explained, Preset};
 use treewright_renderer::tuning::objective::Objective;
@@ -78,7 +78,7 @@ struct SceneInfo {
 }
 
 /// Prints the contents of a scene.
-pub(crate) fn info(arguments: &InfoArguments) -> Result<(), CliError> {
+pub(crate) fn info(arguments: &InfoArguments) -> Result<()> {
     let scene = arguments.scene.load()?;
     let camera = arguments.camera.find(&scene)?;
     let bounds = scene.bounds();
@@ -139,7 +139,7 @@ fn corner(corner: [f32; 3]) -> String {
 }
 
 /// Lists the built-in scenes.
-pub(crate) fn scenes(arguments: &ListArguments) -> Result<(), CliError> {
+pub(crate) fn scenes(arguments: &ListArguments) -> Result<()> {
     let scenes: Vec<_> = builtin::names()
         .map(|name| (format!("builtin:{name}"), builtin::about(name).unwrap_or_default()))
         .collect();
@@ -155,7 +155,7 @@ pub(crate) fn scenes(arguments: &ListArguments) -> Result<(), CliError> {
 }
 
 /// Shows a parameter space.
-pub(crate) fn spaces(arguments: &SpacesArguments) -> Result<(), CliError> {
+pub(crate) fn spaces(arguments: &SpacesArguments) -> Result<()> {
     let space = arguments.space.whole(arguments.objective)?;
     let parameters: Vec<Explained> = space.explained().collect();
     if arguments.json {

@@ -17,7 +17,7 @@ use treewright_client::{
 };
 
 use crate::arguments::{FrameArguments, SceneArguments, Size, SpaceArguments, StartArguments, unit_interval};
-use crate::error::{CliError, write_file};
+use crate::error::{CliError, Result, write_file};
 use crate::{interrupt::Interrupt, output, server::ServerArguments};
 use treewright_renderer::frame::{FrameTimes, Renderer, milliseconds};
 use treewright_renderer::scheduling::{ThreadTimes, of_process};
@@ -148,7 +148,7 @@ struct FlightResults {
 }
 
 /// Flies.
-pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
+pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let moves = arguments.rounds != 0.0;
     let moving = moves.then(|| arguments.scene.moving()).transpose()?;
     // Objectives that single frames cannot measure are not tuned while it plays.
@@ -285,12 +285,7 @@ struct Kept {
 }
 
 impl Flight {
-    fn new(
-        renderer: Renderer,
-        space: TuningSpace,
-        baseline: Choice,
-        arguments: &Arguments,
-    ) -> Result<Self, CliError> {
+    fn new(renderer: Renderer, space: TuningSpace, baseline: Choice, arguments: &Arguments) -> Result<Self> {
         let view = View {
             camera: renderer.scene().cameras[0],
             seed: arguments.frame.seed,

@@ -7,7 +7,7 @@ use clap::Args;
 use treewright_accel::{BuildChoice, Device, NativeOptions, build};
 
 use crate::arguments::{CameraArguments, SceneArguments, Size};
-use crate::error::CliError;
+use crate::error::{CliError, Result};
 use treewright_renderer::integrator::{Prepared, View};
 use treewright_renderer::{film::Film, limits::BOUNCES_MAX, recorder::record};
 
@@ -37,7 +37,7 @@ pub(crate) struct Arguments {
 }
 
 /// Renders one sample a pixel on one thread and writes its rays.
-pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
+pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let unwritable = |error: std::io::Error| {
         CliError::Failed(format!("{} cannot be written: {error}", arguments.out.display()))
     };

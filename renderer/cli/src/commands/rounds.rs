@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 use serde::{Deserialize, Serialize};
 
 use super::tune_arguments::Arguments;
-use crate::{error::CliError, interrupt::Interrupt, output};
+use crate::{error::CliError, error::Result, interrupt::Interrupt, output};
 use treewright_renderer::limits::{ROUNDS_MAX, SECOND_PROCESS_S_MAX};
 use treewright_renderer::measure::{Conditions, Contender, Measured, interleaved};
 use treewright_renderer::{disturbance::Watch, frame::Renderer, space::Choice, tuning::who::Who};
@@ -37,7 +37,7 @@ struct RoundsOrder {
 }
 
 /// Measures what standard input says; ends when that is closed.
-pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
+pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let arguments = &arguments.with_space()?;
     let mut line = String::new();
     let read = std::io::stdin().read_line(&mut line).map_err(|error| error.to_string());

@@ -21,7 +21,8 @@ use treewright_client::{ClientError, Options, Outcome, Policy, PredictorMethod, 
 
 use crate::arguments::{FrameArguments, SceneArguments, Size, SpaceArguments};
 use crate::{
-    error::CliError, interrupt::Interrupt, narrowing::NarrowingArguments, output, server::ServerArguments,
+    error::CliError, error::Result, interrupt::Interrupt, narrowing::NarrowingArguments, output,
+    server::ServerArguments,
 };
 use claims::Claims;
 use treewright_renderer::limits::{FRAMES_PER_TRIAL_MAX, SAMPLES_PER_PLACE_MAX};
@@ -101,7 +102,7 @@ struct Place {
 }
 
 /// Measures the missing samples.
-pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
+pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let client = arguments.server.connect(arguments.frame.threads)?;
     let mut renderers = Vec::new();
     let mut places = Vec::new();
@@ -156,7 +157,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
 }
 
 /// The part of the space that samples are drawn from.
-fn part(arguments: &Arguments, whole: &TuningSpace) -> Result<TuningSpace, CliError> {
+fn part(arguments: &Arguments, whole: &TuningSpace) -> Result<TuningSpace> {
     let part = arguments.narrowing.of(whole)?;
     if arguments.parameters.is_empty() {
         return Ok(part);
@@ -206,7 +207,7 @@ impl Progress {
 }
 
 impl Sampler<'_> {
-    fn run(&self, renderers: &mut [Renderer], places: &[Place]) -> Result<(), CliError> {
+    fn run(&self, renderers: &mut [Renderer], places: &[Place]) -> Result<()> {
         let mut claims = Claims::new(&self.name);
         self.patiently(|| claims.look(self.client, self.study))?;
         let all = places.len() as u64 * u64::from(self.samples);
@@ -274,12 +275,7 @@ impl Sampler<'_> {
     }
 
     /// Opens a trial of a sample; `None` where another renderer has it.
-    fn claim(
-        &self,
-        claims: &mut Claims,
-        place: &Place,
-        number: u32,
-    ) -> Result<Option<TrialRecord>, CliError> {
+    fn claim(&self, claims: &mut Claims, place: &Place, number: u32) -> Result<Option<TrialRecord>> {
         let configuration = place.sequence.configuration(number);
         let indicators = &place.setting.indicators;
         if claims.is_held(indicators, &configuration) {
@@ -308,7 +304,7 @@ impl Sampler<'_> {
         place: &Place,
         number: u32,
         film: &mut Film,
-    ) -> Result<bool, CliError> {
+    ) -> Result<bool> {
         let begin = Instant::now();
         let (outcome, times) = trial(renderer, &open.configuration, None, &place.setting, film);
         if lease(open).is_some_and(|lease| begin.elapsed() >= lease) {
@@ -327,7 +323,7 @@ impl Sampler<'_> {
     }
 
     /// Asks again while the daemon is away. Who interrupts that wants to end, whatever the daemon does.
-    fn patiently<T>(&self, mut ask: impl FnMut() -> Result<T, ClientError>) -> Result<T, CliError> {
+    fn patiently<T>(&self, mut ask: impl FnMut() -> Result<T, ClientError>) -> Result<T> {
         let mut said = false;
         loop {
             match ask() {

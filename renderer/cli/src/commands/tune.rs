@@ -9,7 +9,7 @@ use treewright_client::{Configuration, ConfirmationStage, Indicators, Source};
 pub(crate) use super::tune_arguments::Arguments;
 use super::{rounds, tune_output};
 use crate::arguments::{note_retired, read_configuration};
-use crate::error::{CliError, check_folder, write_file};
+use crate::error::{CliError, Result, check_folder, write_file};
 use crate::{interrupt::Interrupt, output, report, server::machine};
 use treewright_renderer::frame::{Renderer, milliseconds};
 use treewright_renderer::measure::{Conditions, Contender, Standing, delay_note, standings};
@@ -32,7 +32,7 @@ const FRESH_STEP: f32 = 0.2;
 const FLUSH: Duration = Duration::from_secs(10);
 
 /// Tunes and prints the results.
-pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
+pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let arguments = &arguments.with_space()?;
     for path in arguments.json.iter().chain(&arguments.report) {
         check_folder(path)?;
@@ -226,7 +226,7 @@ fn open_study(
     space: &TuningSpace,
     state: &Indicators,
     arguments: &Arguments,
-) -> Result<Study, CliError> {
+) -> Result<Study> {
     let study = client.study(id, specification(space, arguments.objective, arguments.policy())?)?;
     let insight = study.predict(state)?.state;
     let done = insight.map_or(0, |insight| insight.tried);
@@ -239,7 +239,7 @@ fn open_study(
 }
 
 /// Configurations of the user's, to run with the others.
-fn with_names(candidates: Vec<Configuration>, space: &TuningSpace) -> Result<Vec<Rival>, CliError> {
+fn with_names(candidates: Vec<Configuration>, space: &TuningSpace) -> Result<Vec<Rival>> {
     let named = candidates.into_iter().map(|candidate| {
         let configuration = space.complete(&candidate)?;
         note_retired(space, &candidate);
@@ -279,7 +279,7 @@ fn search(
     arguments: &Arguments,
     study: &Study,
     interrupt: Interrupt,
-) -> Result<Searched, CliError> {
+) -> Result<Searched> {
     let iterations = arguments.iterations;
     let bar = output::bar(u64::from(iterations), "trials");
     let (mut spent, mut ending) = (Duration::ZERO, None);
@@ -344,7 +344,7 @@ impl Judge<'_> {
         baseline: &Who,
         conditions: &Conditions,
         notes: &mut Vec<String>,
-    ) -> Result<(Vec<Standing>, Disturbance), CliError> {
+    ) -> Result<(Vec<Standing>, Disturbance)> {
         let mut contenders: Vec<Contender> = rivals.iter().map(|rival| rival.contender.clone()).collect();
         contenders.push(verdict::contender(Who::Found, self.space, found)?);
         // Each answer on the way runs once, and those that run anyway not again.
@@ -400,7 +400,7 @@ impl Judge<'_> {
         scene: &Arc<Scene>,
         rivals: &[Rival],
         baseline: &Contender,
-    ) -> Result<Option<Prediction>, CliError> {
+    ) -> Result<Option<Prediction>> {
         if self.interrupt.requested() {
             return Ok(None);
         }

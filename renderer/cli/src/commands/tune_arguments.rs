@@ -11,7 +11,7 @@ use treewright_scene::Camera;
 
 use crate::arguments::{SpaceArguments, StartArguments, ViewArguments, objective, unit_interval};
 use crate::{
-    episode_arguments::EpisodeArguments, error::CliError, narrowing::NarrowingArguments,
+    episode_arguments::EpisodeArguments, error::CliError, error::Result, narrowing::NarrowingArguments,
     reuse_arguments::ReuseArguments, server::ServerArguments,
 };
 
@@ -106,7 +106,7 @@ impl Arguments {
     ///
     /// # Errors
     /// The objective has no use for what is given.
-    pub(super) fn with_space(&self) -> Result<Self, CliError> {
+    pub(super) fn with_space(&self) -> Result<Self> {
         let mut arguments = self.clone();
         if self.paper {
             arguments.space.space = Preset::Paper;
@@ -119,7 +119,7 @@ impl Arguments {
     }
 
     /// Refuses options that trials of the objective would ignore.
-    fn check_use(&self) -> Result<(), CliError> {
+    fn check_use(&self) -> Result<()> {
         let ignored = match self.objective {
             Objective::Error if self.frames.is_some() => ("--frames", "draws a number of samples of its own"),
             Objective::Error if self.abort_above.is_some() => {

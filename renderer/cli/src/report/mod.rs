@@ -12,7 +12,7 @@ use base64::{Engine, engine::general_purpose::STANDARD};
 
 use parts::{ConfigurationRow, StandingRow, WayRow};
 
-use crate::error::CliError;
+use crate::error::{CliError, Result};
 use treewright_renderer::film::{Film, Picture};
 use treewright_renderer::image_file::{Exposure, png_bytes};
 use treewright_renderer::{
@@ -62,17 +62,13 @@ struct Page<'a> {
 }
 
 /// Puts the report together. Renders the two pictures, which takes some seconds.
-pub fn html(
-    renderer: &mut Renderer,
-    setting: &SearchSetting,
-    results: &TuningResults,
-) -> Result<String, CliError> {
+pub fn html(renderer: &mut Renderer, setting: &SearchSetting, results: &TuningResults) -> Result<String> {
     let default = picture(renderer, setting, &setting.baseline)?;
     let tuned = picture(renderer, setting, &setting.space.choice(&results.tuned)?)?;
     page(results, &default, &tuned)
 }
 
-fn picture(renderer: &mut Renderer, setting: &SearchSetting, choice: &Choice) -> Result<Picture, CliError> {
+fn picture(renderer: &mut Renderer, setting: &SearchSetting, choice: &Choice) -> Result<Picture> {
     let (structure, _) = renderer.build(&choice.build).map_err(|error| {
         CliError::Failed(format!("the pictures of the report cannot be rendered: {error}"))
     })?;
@@ -87,7 +83,7 @@ fn picture(renderer: &mut Renderer, setting: &SearchSetting, choice: &Choice) ->
     Ok(film.picture())
 }
 
-fn page(results: &TuningResults, default: &Picture, tuned: &Picture) -> Result<String, CliError> {
+fn page(results: &TuningResults, default: &Picture, tuned: &Picture) -> Result<String> {
     let frame_ms = |who: &Who| results.standing(who).map_or(0.0, |standing| standing.frame_ms.median);
     let page = Page {
         scene: &results.scene.name,
@@ -126,7 +122,7 @@ fn page(results: &TuningResults, default: &Picture, tuned: &Picture) -> Result<S
     page.render().map_err(|error| CliError::Failed(format!("the report cannot be put together: {error}")))
 }
 
-fn data_url(picture: &Picture) -> Result<String, CliError> {
+fn data_url(picture: &Picture) -> Result<String> {
     Ok(format!("data:image/png;base64,{}", STANDARD.encode(png_bytes(picture, Exposure::Auto)?)))
 }
 
