@@ -11,7 +11,6 @@ use treewright_render_cli::error::{CliError, Result};
 /// How the first line of every record begins.
 const BEGINNING: &[u8] = b"{\"conditions\":";
 
-/// The first line of every record.
 #[derive(Serialize, Deserialize)]
 struct Head<C> {
     conditions: C,

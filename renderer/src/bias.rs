@@ -58,7 +58,6 @@ impl fmt::Display for Bias {
     }
 }
 
-/// A part of a picture.
 #[derive(Clone, Copy, Debug, Default)]
 struct Square {
     pixels: f64,

@@ -23,9 +23,7 @@ pub struct Film {
 /// A square of pixels, the unit of work of the renderer.
 #[derive(Debug)]
 pub(crate) struct Tile<'a> {
-    /// First column.
     pub(crate) left: u32,
-    /// First row.
     pub(crate) top: u32,
     /// Its pixels along Morton's curve, those outside the picture too.
     pub(crate) sums: &'a mut [Vec3],

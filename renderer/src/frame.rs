@@ -112,7 +112,6 @@ impl Built {
         serves
     }
 
-    /// Memory of the structure.
     pub(crate) fn bytes(&self) -> usize {
         *self.bytes.get_or_init(|| self.structure.statistics().bytes)
     }

@@ -82,7 +82,6 @@ fn process_cpu_ms() -> f64 {
     cpu_ms(ClockId::ProcessCPUTime)
 }
 
-/// Processor time of the calling thread.
 pub(crate) fn thread_cpu_ms() -> f64 {
     cpu_ms(ClockId::ThreadCPUTime)
 }

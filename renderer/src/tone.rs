@@ -69,7 +69,6 @@ pub fn encoded_plainly(radiance: Vec3) -> Vec3 {
     radiance.map(|channel| srgb(if channel.is_nan() { 0.0 } else { channel.clamp(0.0, 1.0) }))
 }
 
-/// The sRGB transfer function.
 fn srgb(linear: f32) -> f32 {
     if linear <= 0.003_130_8 { 12.92 * linear } else { 1.055 * linear.powf(1.0 / 2.4) - 0.055 }
 }

@@ -31,7 +31,6 @@ fn ground(camera: Value, yfov: f64, lights: Vec<(Value, Value)>) -> File {
 }
 
 impl File {
-    /// Writes it and loads it again.
     fn scene(&self, folder: &Path) -> Arc<Scene> {
         let numbers = self.corners.iter().flat_map(|corner| corner.to_array()).flat_map(f32::to_le_bytes);
         let mut data: Vec<u8> = numbers.collect();

@@ -84,7 +84,6 @@ pub(crate) fn fresh(seed: u64) -> Figures {
     vec![("alone".to_owned(), session(0)), ("beside 20".to_owned(), session(20))]
 }
 
-/// Ten states in turn.
 pub(crate) fn turns(seed: u64) -> Figures {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let states: Vec<[f64; 2]> = (0..STATES).map(|_| [random.random(), random.random()]).collect();

@@ -101,7 +101,6 @@ fn problem(function: Function, seed: u64) -> Problem {
     Problem { space: space.expect("a space"), truth: Box::new(truth), noise: NOISE, optimum: remains }
 }
 
-/// One of each function.
 pub(crate) fn problems(seed: u64) -> Vec<Problem> {
     FUNCTIONS.iter().map(|function| problem(*function, seed)).collect()
 }

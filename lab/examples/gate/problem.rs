@@ -6,7 +6,6 @@ use treewright_core::{configuration::Configuration, space::Space};
 /// A cost without noise; `None` where a configuration cannot be run.
 pub(crate) type Truth = Box<dyn Fn(&Configuration) -> Option<f64> + Send + Sync>;
 
-/// A space with a cost.
 pub(crate) struct Problem {
     pub(crate) space: Space,
     pub(crate) truth: Truth,

@@ -15,7 +15,6 @@ use crate::problem::Problem;
 /// Trials above this many times the default's cost are dear.
 const DEAR_ABOVE: f64 = 1.1;
 
-/// A search that was played.
 pub(crate) struct Played {
     /// Shares of the optimum after each of the marks, of the configuration that measured best.
     pub(crate) scores: Vec<f64>,

@@ -43,7 +43,6 @@ fn space() -> Space {
     space.less_or_equal("min_leaf_size", "max_leaf_size").build().expect("a valid space")
 }
 
-/// The properties of a scene.
 struct Scene {
     weights: Vec<f64>,
 }
@@ -128,7 +127,6 @@ impl Scene {
     }
 }
 
-/// One scene of the whole space.
 pub(crate) fn problem(seed: u64) -> Problem {
     let mut random = ChaCha8Rng::seed_from_u64(seed * 13 + 1);
     let scene = Scene { weights: (0..13).map(|_| random.random()).collect() };

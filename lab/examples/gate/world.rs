@@ -16,9 +16,7 @@ const NOISE: f64 = 0.07;
 const NOISE_CALM: f64 = 0.04;
 const WANDER: f64 = 0.13;
 const WANDER_FRAMES: f64 = 14.0;
-/// Noise of processor time.
 const CPU_NOISE: f64 = 0.02;
-/// Trials of a search.
 const TRIALS: usize = 80;
 /// The most frames that a client runs to wait for the verdict, beyond the trials of the search.
 const PATIENCE: usize = 120;
@@ -32,7 +30,6 @@ pub(crate) enum World {
     Bowl,
 }
 
-/// The speed of the machine.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Machine {
     /// Constant speed.
@@ -123,7 +120,6 @@ impl Search {
         StudySpec { objective, ..study }
     }
 
-    /// Runs it.
     pub(crate) fn run(&self, seed: u64) -> Run {
         let mut tuner = Tuner::new(Arc::new(self.spec(seed))).expect("a study");
         let mut random = ChaCha8Rng::seed_from_u64(1000 + seed);

@@ -77,7 +77,6 @@ impl Arguments {
     }
 }
 
-/// Compares the configurations and prints the results.
 pub(super) fn run(arguments: &Arguments) -> Result<()> {
     arguments.check_file()?;
     let chosen = arguments.entrants.read()?;
@@ -148,7 +147,6 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     if interrupt.requested() { Err(CliError::Interrupted) } else { Ok(()) }
 }
 
-/// Renders the reference.
 fn reference(
     arguments: &Arguments,
     renderer: &Renderer,

@@ -5,7 +5,6 @@ use crate::{converge::equal_error::EqualError, converge::results::ComparisonResu
 use treewright_render_cli::output;
 use treewright_renderer::tuning::who::{NATIVE_DEFAULT, Who};
 
-/// Prints the results for people.
 pub(super) fn print(results: &ComparisonResults) {
     let reference = &results.reference;
     println!(
@@ -74,7 +73,6 @@ pub(super) fn print(results: &ComparisonResults) {
     }
 }
 
-/// Milliseconds as seconds.
 fn seconds(time_ms: f64) -> String {
     match time_ms {
         ..1e3 => format!("{:.2}", time_ms / 1e3),

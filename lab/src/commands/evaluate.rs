@@ -42,7 +42,6 @@ pub(super) struct RecordArguments {
     rounds: u32,
 }
 
-/// Runs the command.
 pub(super) fn run(command: &Command) -> Result<()> {
     match command {
         Command::Record(arguments) => record(arguments),

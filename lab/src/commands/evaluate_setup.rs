@@ -17,10 +17,8 @@ use crate::{evaluation::measure::best_within, leave_scene_out::suite::Entry};
 /// Scenes of this program that stand in for those of the paper that cannot be had, in about their sizes.
 const BUILT_IN: [&str; 2] = ["gallery=builtin:gallery:1:7", "voxels=builtin:voxels:0.6:7"];
 
-/// Most bounces of a path.
 const BOUNCES: u32 = 3;
 
-/// Of the searches.
 const SEED: u64 = 1;
 
 /// Where the record is, and under which conditions it is made.
@@ -67,7 +65,6 @@ pub(super) struct SceneArguments {
 }
 
 impl SceneArguments {
-    /// The scenes of the evaluation.
     pub(super) fn entries(&self) -> Result<Vec<Entry>> {
         self.beside_named(&BUILT_IN)
     }

@@ -37,7 +37,6 @@ const FIRST_FRAMES: u32 = 8;
 /// The environment's name for the instruction set that a process is kept to.
 const ISA: &str = "TREEWRIGHT_ISA";
 
-/// The long text of `--help`.
 pub(super) const LONG_ABOUT: &str = "\
 Measure what a machine gains from its own measurements, from its group's, and from the fleet's.
 
@@ -58,7 +57,6 @@ group with node, fleet with group.
 Ctrl-C stops; this command goes on from there. Four machines (--threads 2) took seven minutes on two
 cores, and the default has eight. Needs treewrightd in the folder of this program.";
 
-/// The examples at the end of `--help`.
 pub(super) const EXAMPLES: &str = "\
 Examples:
   treewright-lab fleet --record fleet.jsonl

@@ -17,7 +17,6 @@ use crate::leave_scene_out::judge::{self, ALONE, CANDIDATES, FINAL, LEFT_OUT, Ov
 use crate::leave_scene_out::steps::{CHECKPOINTS, Stage, first_answer};
 use crate::leave_scene_out::suite::{Context, built_in};
 
-/// Trials of a search.
 const ITERATIONS: u32 = 60;
 
 /// Steps of the measurement, each of which needs those before it.

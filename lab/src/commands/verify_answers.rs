@@ -175,7 +175,6 @@ pub(super) fn run(arguments: &VerifyArguments) -> Result<()> {
     })
 }
 
-/// A scene of a record by its name.
 fn find<'a>(entries: &'a [Entry], scene: &str) -> Result<&'a Entry> {
     entries.iter().find(|entry| entry.name == scene).ok_or_else(|| {
         CliError::Usage(format!("the record has a scene {scene}; say where it is with --scene {scene}=PATH"))

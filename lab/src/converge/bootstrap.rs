@@ -11,7 +11,6 @@ use statrs::distribution::{ContinuousCDF, Normal, StudentsT};
 
 use treewright_renderer::statistics::quantile;
 
-/// Number of resamples.
 const RESAMPLES: usize = 4000;
 
 /// Intervals hold the truth with about this probability.

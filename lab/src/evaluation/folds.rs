@@ -8,7 +8,6 @@ use serde::Serialize;
 
 use super::record::Place;
 
-/// The kind of a split.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum Split {
@@ -19,7 +18,6 @@ pub(crate) enum Split {
 }
 
 impl Split {
-    /// For people.
     pub(crate) fn words(self) -> &'static str {
         match self {
             Self::Random => "other cameras of known scenes (80 % teach, 20 % examine)",

@@ -58,7 +58,6 @@ pub(crate) struct Row {
     pub(crate) fold: usize,
     pub(crate) entrant: String,
     pub(crate) place: Place,
-    /// The configuration.
     pub(crate) answer: String,
     /// Median of its rounds, in milliseconds.
     pub(crate) predicted_ms: f64,
@@ -105,7 +104,6 @@ impl Verdict {
     }
 }
 
-/// Judges the answers to one objective.
 pub(crate) fn judge(
     record: &Record,
     objective: Objective,

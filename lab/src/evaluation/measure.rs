@@ -67,18 +67,15 @@ impl Stage {
         self.renderer.set_scene(Arc::new(scene));
     }
 
-    /// Changes the size of frames, in pixels.
     pub(crate) fn resize(&mut self, [width, height]: [u32; 2]) {
         self.conditions.size = [width, height];
         self.film = Film::new(width, height);
     }
 
-    /// Changes what searches draw by.
     pub(crate) fn set_seed(&mut self, seed: u64) {
         self.conditions.seed = seed;
     }
 
-    /// One of its cameras by name.
     pub(crate) fn place(&self, camera: u32) -> Place {
         Place { scene: self.name.clone(), camera }
     }

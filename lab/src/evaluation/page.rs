@@ -37,7 +37,6 @@ const FIRST_PAGE: [(&str, &str); 4] = [
     (SERVICE, "the service as it answers"),
 ];
 
-/// The contents of the report.
 #[derive(Clone, Debug)]
 pub(crate) struct Report<'a> {
     pub(crate) record: &'a Record,
@@ -139,7 +138,6 @@ fn percent(mean: Mean) -> String {
     }
 }
 
-/// The page.
 pub(crate) fn html(report: &Report<'_>) -> String {
     let conditions = &report.record.conditions;
     let [width, height] = conditions.size;

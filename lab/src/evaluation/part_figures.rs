@@ -13,7 +13,6 @@ use crate::converge::bootstrap::student;
 /// Confidence of the bands in Figure 9.
 const BAND: f64 = 0.9999;
 
-/// The value of a parameter as a number.
 pub(super) fn number(configuration: &Configuration, name: &str) -> Option<f64> {
     match configuration.get(name)? {
         Value::Integer(value) => Some(*value as f64),

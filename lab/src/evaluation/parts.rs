@@ -11,11 +11,9 @@ use super::record::{PartSearch, Record};
 /// A few parameters, and what the others are held to besides their recommended values.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Part {
-    /// Its name.
     pub(crate) name: &'static str,
     /// The parameters; the first two are the axes of its figure.
     pub(crate) parameters: &'static [&'static str],
-    /// For people.
     pub(crate) title: &'static str,
 }
 

@@ -45,18 +45,14 @@ pub(crate) fn cost(objective: Objective, times: &FrameTimes) -> f64 {
 pub(crate) struct Conditions {
     pub(crate) version: u32,
     pub(crate) machine: Fingerprint,
-    /// Render threads.
     pub(crate) threads: usize,
     /// Pixels across and down.
     pub(crate) size: [u32; 2],
     pub(crate) bounces: u32,
     /// The clock whose times searches minimise.
     pub(crate) clock: Clock,
-    /// Iterations of a search.
     pub(crate) iterations: u32,
-    /// Cameras along each scene's path.
     pub(crate) cameras: u32,
-    /// Of the searches.
     pub(crate) seed: u64,
     /// The parameter space, `paper` or `full`.
     pub(crate) space: String,
@@ -79,11 +75,9 @@ pub(crate) struct Provenance {
     pub(crate) program: String,
 }
 
-/// One iteration of a search.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Iteration {
     pub(crate) configuration: Configuration,
-    /// The step of the search.
     pub(crate) step: String,
     pub(crate) outcome: Outcome,
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -226,7 +220,6 @@ impl Line {
     }
 }
 
-/// Everything in a file.
 #[derive(Clone, Debug)]
 pub(crate) struct Record {
     pub(crate) conditions: Conditions,

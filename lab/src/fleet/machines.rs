@@ -13,7 +13,6 @@ use crate::leave_scene_out::suite::Context;
 pub(crate) struct Machine {
     /// The widest instruction set in use, which is also its group.
     pub(crate) isa: String,
-    /// Render threads.
     threads: usize,
     /// Pixels across and down.
     size: [u32; 2],
@@ -26,7 +25,6 @@ impl fmt::Display for Machine {
 }
 
 impl Machine {
-    /// Every combination.
     pub(crate) fn all(isas: &[String], threads: &[usize], sizes: &[Size]) -> Vec<Self> {
         let of = |isa: &String, threads: usize, size: &Size| Self {
             isa: isa.clone(),
@@ -37,7 +35,6 @@ impl Machine {
         pairs.flat_map(|(isa, threads)| sizes.iter().map(move |size| of(isa, threads, size))).collect()
     }
 
-    /// Threads and size.
     pub(crate) fn context(&self) -> Context {
         let [width, height] = self.size;
         Context { threads: self.threads, size: Size { width, height } }

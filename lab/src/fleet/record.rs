@@ -13,7 +13,6 @@ use crate::leave_scene_out::book::{RecordedRounds, RecordedSearch};
 /// Under which conditions everything in a record was measured.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Conditions {
-    /// The program's.
     pub(crate) version: String,
     /// On which all machines are emulated.
     pub(crate) processor: Fingerprint,
@@ -56,7 +55,6 @@ pub(crate) enum Line {
     Answers(At<RecordedRounds>),
 }
 
-/// All lines.
 #[derive(Clone, Debug)]
 pub(crate) struct Record {
     pub(crate) conditions: Conditions,

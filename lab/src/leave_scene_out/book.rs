@@ -12,7 +12,6 @@ use treewright_render_cli::error::{CliError, Result, write_file};
 use treewright_render_cli::output;
 use treewright_renderer::{frame::FrameTimes, measure::Measured, tuning::who::Who};
 
-/// Everything so far.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub(crate) struct Book {
     /// The machine, and the versions of the measured programs.
@@ -117,7 +116,6 @@ impl RecordedContender {
     }
 }
 
-/// A book and where it lies.
 #[derive(Debug)]
 pub(crate) struct OpenBook {
     path: PathBuf,
@@ -146,7 +144,6 @@ impl OpenBook {
         Ok(Self { path: path.to_owned(), book })
     }
 
-    /// Writes it down.
     pub(crate) fn save(&self) -> Result<()> {
         write_file(&self.path, output::to_json(&self.book)?.as_bytes())
     }

@@ -23,10 +23,8 @@ use super::{daemon::Daemon, hand, suite::Context};
 /// Numbers of reported trials after which the service is asked for the best.
 pub(crate) const CHECKPOINTS: [u32; 5] = [1, 8, 16, 32, 60];
 
-/// Longest time of a question.
 pub(crate) const DEADLINE: Duration = Duration::from_secs(10);
 
-/// Of pictures.
 const SEED: u64 = 1;
 const BOUNCES: u32 = 3;
 
@@ -111,7 +109,6 @@ impl Stage {
         Ok(Some(self.rounds(all, objective, rounds)))
     }
 
-    /// Rivals in interleaved rounds.
     pub(crate) fn rounds(&mut self, rivals: Vec<Rival>, objective: Objective, rounds: u32) -> RecordedRounds {
         let conditions = Conditions {
             view: self.view(),

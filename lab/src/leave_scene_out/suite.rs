@@ -7,7 +7,6 @@ use treewright_render_cli::error::Result;
 use treewright_renderer::limits::THREADS_MAX;
 use treewright_scene::Scene;
 
-/// A scene with the name it goes by.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Entry {
     /// Without spaces.
@@ -37,7 +36,6 @@ const BUILT_IN: [(&str, &str, f32, u64, f32); 15] = [
     ("city-11", "city", 0.2, 11, 0.0),
 ];
 
-/// The built-in part of the suite.
 pub(crate) fn built_in() -> Vec<Entry> {
     let entry = |(name, scene, detail, seed, time): (&str, &str, f32, u64, f32)| Entry {
         name: name.to_owned(),
@@ -56,7 +54,6 @@ impl Entry {
     }
 }
 
-/// As it is read.
 impl fmt::Display for Entry {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { name, path, detail, seed, .. } = self;

@@ -24,14 +24,11 @@ pub(crate) enum Weather {
     Waves,
 }
 
-/// The result of a session.
 #[derive(Clone, Debug)]
 pub(crate) struct Session {
-    /// The kind of change of the speed.
     pub(crate) weather: Weather,
     /// The share of frame time that exploring may cost.
     pub(crate) budget: f64,
-    /// Frames that explored.
     pub(crate) explored: u64,
     /// The largest share that exploring had cost at any moment: true regret over true frame time.
     pub(crate) worst: f64,

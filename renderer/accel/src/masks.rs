@@ -145,7 +145,6 @@ impl Masks {
         Self { masks: Arc::clone(&self.masks), cards: Arc::clone(&self.cards), card_of }
     }
 
-    /// Whether a triangle has a mask.
     #[inline]
     pub(crate) fn is_card(&self, triangle: usize) -> bool {
         self.card_of[triangle] != SOLID

@@ -12,7 +12,6 @@ mod scenes;
 
 use scenes::back_ends::{device, tree, wide_trees};
 
-/// Ways to follow.
 const UPDATES: [Update; 4] = [
     Update::Refit,
     Update::Partial { rebuild_threshold: 1.0 },

@@ -387,7 +387,6 @@ pub fn objective() -> impl TypedValueParser<Value = Objective> {
     }))
 }
 
-/// Reads the name of a space.
 fn preset() -> impl TypedValueParser<Value = Preset> {
     one_of(Preset::ALL.map(|preset| {
         (
@@ -403,7 +402,6 @@ fn preset() -> impl TypedValueParser<Value = Preset> {
     }))
 }
 
-/// Reads the build quality of Embree's own scenes.
 fn native() -> impl TypedValueParser<Value = NativeQuality> {
     one_of([
         (NativeQuality::Low, "low", "Morton codes: builds fast"),

@@ -177,12 +177,10 @@ impl Moving {
     }
 }
 
-/// Reads the name of a motion.
 fn motion() -> impl TypedValueParser<Value = Motion> {
     one_of(Motion::ALL.map(|motion| (motion, motion.name(), motion.about())))
 }
 
-/// Reads the axis that points up.
 fn up_axis() -> impl TypedValueParser<Value = Up> {
     one_of([
         (Up::Y, "y", "As in glTF"),

@@ -393,7 +393,6 @@ impl Assembler {
     }
 }
 
-/// The number of triangles without area in single precision.
 fn zero_area_count(triangles: &Triangles) -> usize {
     (0..triangles.len())
         .filter(|triangle| {

@@ -12,7 +12,6 @@ pub struct Bounds {
     pub max: Vec3,
 }
 
-/// [`Bounds::NOTHING`].
 impl Default for Bounds {
     fn default() -> Self {
         Self::NOTHING

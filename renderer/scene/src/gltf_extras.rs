@@ -24,7 +24,6 @@ use super::{Sky, Sun, framing::CameraPose};
 /// Width over height of the pictures that such cameras were made for, where they do not say it.
 const ASPECT: f32 = 16.0 / 9.0;
 
-/// The contents of scene extras.
 #[derive(Debug, Default)]
 pub(super) struct Extras {
     pub(super) views: Vec<CameraPose>,
@@ -32,7 +31,6 @@ pub(super) struct Extras {
     pub(super) notes: Vec<String>,
 }
 
-/// Reads the raw JSON of a scene's extras.
 pub(super) fn parse(json: &str) -> Extras {
     let mut extras = Extras::default();
     let Ok(value) = serde_json::from_str::<Value>(json) else {

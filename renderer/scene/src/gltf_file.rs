@@ -22,7 +22,6 @@ use super::{
     part::Part,
 };
 
-/// Reads one file. See [`super::load`].
 pub(super) fn read(path: &Path, bytes: &[u8], up: Up) -> Result<Scene, SceneError> {
     let malformed =
         SceneError::malformed(path, "glTF", "export it again, complete and without mesh compression");

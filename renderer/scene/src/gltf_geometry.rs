@@ -143,7 +143,6 @@ pub(super) fn triangle_count(primitive: &Primitive) -> u64 {
 pub(super) const VECTORS: (Dimensions, &[DataType]) = (Dimensions::Vec3, &[DataType::F32]);
 /// The types of texture coordinates.
 const PAIRS: (Dimensions, &[DataType]) = (Dimensions::Vec2, &[DataType::F32, DataType::U8, DataType::U16]);
-/// The types of indices.
 const INDICES: (Dimensions, &[DataType]) =
     (Dimensions::Scalar, &[DataType::U8, DataType::U16, DataType::U32]);
 

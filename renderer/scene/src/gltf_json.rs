@@ -21,7 +21,6 @@ pub(super) struct Document {
     pub(super) notes: Vec<String>,
 }
 
-/// Why a document is not read.
 #[derive(Debug, PartialEq)]
 pub(super) enum Refusal {
     /// It does not follow the format.
@@ -60,7 +59,6 @@ const NOTED_ELSEWHERE: [&str; 9] = [
 const GEOMETRY: [&str; 3] =
     ["KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_meshopt_compression"];
 
-/// Reads and prepares a file, text or binary.
 pub(super) fn read(bytes: &[u8]) -> Result<Document, Refusal> {
     let (text, blob) = if bytes.starts_with(b"glTF") {
         check_header(bytes)?;

@@ -55,7 +55,6 @@ impl Materials {
     }
 }
 
-/// Reads all materials of a document.
 pub(super) fn read(
     document: &Document,
     base: Option<&Path>,
@@ -135,7 +134,6 @@ impl Reader<'_> {
         (self.assembler.material(described), place.unwrap_or_default())
     }
 
-    /// Applies the base colour's alpha.
     fn alpha(&mut self, material: &gltf::Material, opacity: f32, described: &mut Material) {
         let texture = described.base_color_texture;
         let cutout = |cutoff: f32| if opacity > 0.0 { cutoff / opacity } else { f32::MAX };

@@ -44,7 +44,6 @@ fn decoded(bytes: &[u8], name: &Path, edge_max: u32) -> Result<DynamicImage, Str
     reader.decode().map_err(|error| error.to_string())
 }
 
-/// Reads an image file beside a scene.
 pub(super) fn read_file(path: &Path) -> Result<Vec<u8>, String> {
     read_within(path, IMAGE_BYTES_MAX)
 }

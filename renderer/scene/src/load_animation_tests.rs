@@ -30,7 +30,6 @@ impl GltfFile {
         self
     }
 
-    /// The scene at rest, to be shared.
     fn still(&self) -> Arc<Scene> {
         Arc::new(self.load())
     }

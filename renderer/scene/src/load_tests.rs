@@ -99,7 +99,6 @@ impl GltfFile {
         number
     }
 
-    /// Adds an accessor and returns its number.
     pub(super) fn accessor(&mut self, component: u32, kind: &str, count: usize, bytes: &[u8]) -> usize {
         let view = self.view(bytes);
         let accessors = self.json["accessors"].as_array_mut().unwrap();
@@ -119,7 +118,6 @@ impl GltfFile {
         self.accessor(5126, kind, numbers.len() / width, &bytes)
     }
 
-    /// The mesh's first primitive.
     pub(super) fn primitive(&mut self) -> &mut Value {
         &mut self.json["meshes"][0]["primitives"][0]
     }

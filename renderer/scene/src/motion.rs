@@ -238,7 +238,6 @@ impl Mover {
         (positions, normals)
     }
 
-    /// Where a part is.
     fn place(&self, part: &Part, time: f32) -> Affine3A {
         let (size, middle) = (self.bounds.diagonal(), self.bounds.center());
         let [one, two, three, four] = part.own;
@@ -285,7 +284,6 @@ impl Mover {
         }
     }
 
-    /// Where a point of a scene that deforms is.
     fn deformed(&self, at: Vec3, time: f32) -> Vec3 {
         let (size, middle) = (self.bounds.size(), self.bounds.center());
         let diagonal = self.bounds.diagonal().max(f32::MIN_POSITIVE);

@@ -10,7 +10,6 @@ use super::mtl_text::{self, Described};
 use super::obj_text::{self, Parsed};
 use super::{Material, Scene, SceneError, Up, obj_maps, text};
 
-/// Reads one file. See [`super::load`].
 pub(super) fn read(path: &Path, bytes: &[u8], up: Up) -> Result<Scene, SceneError> {
     let malformed = SceneError::malformed(path, "OBJ", "repair that line or export the scene again");
     let folder = path.parent().unwrap_or(Path::new("."));
@@ -43,7 +42,6 @@ pub(super) fn read(path: &Path, bytes: &[u8], up: Up) -> Result<Scene, SceneErro
     assembler.finish(Lighting::Automatic, Vec::new())
 }
 
-/// The material files of an OBJ.
 #[derive(Default)]
 struct Libraries {
     materials: Vec<Described>,

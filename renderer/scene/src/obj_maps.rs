@@ -15,7 +15,6 @@ const CUT_OUT: f32 = 0.5;
 /// Makes one picture of up to two files.
 type Make<'a> = dyn Fn([Option<&str>; 2]) -> Result<Pixels, String> + 'a;
 
-/// Whether a material names any picture.
 pub(super) fn has_maps(material: &Described) -> bool {
     ["map_Kd", "map_d", "map_Ke", "map_Pr", "map_Pm", "norm"].iter().any(|key| material.get(key).is_some())
 }

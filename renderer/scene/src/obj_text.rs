@@ -7,7 +7,6 @@ use glam::{DVec3, Vec2, Vec3};
 
 use super::{part::Part, place::far_middle};
 
-/// The contents of an OBJ text.
 #[derive(Default)]
 pub(super) struct Parsed {
     /// Those with faces, in order.

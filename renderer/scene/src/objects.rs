@@ -9,7 +9,6 @@ use treewright_accel::limits::{COORDINATE_MAX, INSTANCES_MAX};
 
 use super::{Bounds, limits::PLACED_TRIANGLES_MAX};
 
-/// Objects and places collected so far.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Objects {
     ranges: Vec<Range<u32>>,
@@ -55,7 +54,6 @@ impl Objects {
         is_placed
     }
 
-    /// A box around each placed object.
     pub(super) fn placed_boxes(&self) -> impl Iterator<Item = Bounds> {
         self.placed.iter().map(|(object, to_world)| self.boxes[*object as usize].transformed(to_world))
     }

@@ -68,7 +68,6 @@ pub(super) struct Lengths<'a> {
 }
 
 impl Lengths<'_> {
-    /// Moves all places.
     pub(super) fn move_by(&mut self, by: Vec3) {
         for range in self.in_world {
             self.positions[range.clone()].iter_mut().for_each(|position| *position += Vec3A::from(by));
@@ -78,7 +77,6 @@ impl Lengths<'_> {
         self.views.iter_mut().for_each(|view| view.position += by);
     }
 
-    /// Multiplies all lengths by a factor.
     pub(super) fn multiply(&mut self, factor: f32) {
         self.positions.iter_mut().for_each(|position| *position *= factor);
         self.objects.multiply(factor);

@@ -14,7 +14,6 @@ use super::{
     Material, Scene, SceneError, Up, error::one_line, part::Part, place::far_middle, ply_text, text,
 };
 
-/// Reads one file. See [`super::load`].
 pub(super) fn read(path: &Path, bytes: &[u8], up: Up) -> Result<Scene, SceneError> {
     let malformed = SceneError::malformed(path, "PLY", "export it again, complete and in PLY 1.0");
     let parse_error = |error: ParseError| malformed(one_line(&error.to_string()));
@@ -57,7 +56,6 @@ pub(super) fn read(path: &Path, bytes: &[u8], up: Up) -> Result<Scene, SceneErro
     assembler.finish(Lighting::Automatic, Vec::new())
 }
 
-/// The contents of a file.
 #[derive(Default)]
 struct Content {
     vertices: Vec<Vertex>,

@@ -6,7 +6,6 @@ use ply_rs_bw::ply::{ElementDef, Header, PropertyType};
 
 use super::text;
 
-/// The end of the header.
 const END: &[u8] = b"end_header";
 
 /// The file with a header of plain lines, changed only where it has to be; and where its body begins.

@@ -10,7 +10,6 @@ use super::Placed;
 /// Triangles looked at by one task.
 const CHUNK: usize = 16 * 1024;
 
-/// The first hit of a ray.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Meeting {
     /// Distance along the direction; infinite when nothing is met.

@@ -87,7 +87,6 @@ impl Punctual {
         Self::Point { position, intensity, cone: None, range: f32::INFINITY }
     }
 
-    /// The light in a scene that is turned.
     pub(crate) fn turned(self, up: Up) -> Self {
         match self {
             Self::Directional { direction, irradiance } => {
@@ -113,7 +112,6 @@ impl Punctual {
         }
     }
 
-    /// The light in a scene that is moved.
     pub(crate) fn moved(self, by: Vec3) -> Self {
         match self {
             Self::Directional { .. } => self,

@@ -12,7 +12,6 @@ use super::{Material, Mesh, Texture, images::Pixels, limits::TEXTURE_PIXELS_MAX}
 /// The identity of a texture: the source of its picture, the encoding of its values, its continuation.
 type Key = (String, Encoding, [Wrap; 2]);
 
-/// Textures collected so far.
 #[derive(Default)]
 pub(super) struct Textures {
     pub(super) all: Vec<Arc<Texture>>,
@@ -76,7 +75,6 @@ impl Textures {
         clear > 0 && solid > 0 && (clear + solid) * 10 >= alpha.len() * 9
     }
 
-    /// Notes the omitted pictures.
     pub(super) fn finish(&mut self, notes: &mut Vec<String>) {
         const NOTES_MAX: usize = 5;
         let more = self.lost.len().saturating_sub(NOTES_MAX);

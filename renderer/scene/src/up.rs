@@ -29,7 +29,6 @@ impl Up {
         }
     }
 
-    /// The turn as a matrix.
     pub(super) fn matrix(self) -> Mat3 {
         Mat3::from_cols(self.turned(Vec3::X), self.turned(Vec3::Y), self.turned(Vec3::Z))
     }

@@ -46,7 +46,6 @@ impl SkyTable {
         Self { map: Arc::clone(map), table, densities }
     }
 
-    /// Draws a direction.
     pub(super) fn sample(&self, pick: f32, [u, v]: [f32; 2]) -> LightSample {
         let pixel = self.table.as_ref().map_or(0, |table| table.sample(pick)) as u32;
         let (width, height) = (self.map.width(), self.map.height());

@@ -137,7 +137,6 @@ impl LampGroups {
         &self.groups
     }
 
-    /// The group of a triangle.
     #[inline]
     pub(super) fn of(&self, lamp: usize) -> u32 {
         self.of_lamp[lamp]

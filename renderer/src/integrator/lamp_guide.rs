@@ -81,10 +81,8 @@ struct Odds {
     worth: f32,
 }
 
-/// A lamp that was drawn.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct LampDraw {
-    /// Its number.
     pub(super) lamp: usize,
     /// Its probability by power alone over that with which it was drawn.
     pub(super) ratio: f32,

@@ -25,7 +25,6 @@ use crate::scene::{Material, Scene, Sky, Texture};
 pub struct Lights {
     /// The emissive triangles, parallel to `table`.
     lamps: Vec<Lamp>,
-    /// The power of each.
     powers: Vec<f64>,
     table: Option<AliasTable>,
     how: LightSampling,
@@ -95,7 +94,6 @@ pub(super) struct SunDisc {
 }
 
 impl SunDisc {
-    /// A point on its disc.
     #[inline(always)]
     pub(super) fn sample(&self, u: [f32; 2]) -> LightSample {
         LightSample {

@@ -45,7 +45,6 @@ impl Losses {
 }
 
 impl Multiple {
-    /// Nothing.
     pub(super) const NONE: Self = Self { albedo: Vec3::ZERO, scale: 0.0, losses: Losses([0.0; 4]) };
 
     /// Of a metal with this mean reflectance of a microfacet, which is this share of the surface.

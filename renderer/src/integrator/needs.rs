@@ -57,12 +57,10 @@ impl Needs {
     /// Number of sets that have kernels.
     pub(super) const SETS: usize = Self::COMMON + 1 + Self::RARE;
 
-    /// The rare needs as a number.
     const fn rare(self) -> usize {
         self.bits() >> Self::COMMON_COUNT & Self::RARE
     }
 
-    /// Number of the kernel.
     pub(super) const fn kernel(self) -> usize {
         let closed = self.closed();
         match closed.rare() {
@@ -80,7 +78,6 @@ impl Needs {
         Self::from_bits(bits).closed()
     }
 
-    /// As a number.
     pub(super) const fn bits(self) -> usize {
         self.smooth as usize
             | (self.layers as usize) << 1
@@ -96,7 +93,6 @@ impl Needs {
             | (self.metals as usize) << 11
     }
 
-    /// The set of a number.
     pub(super) const fn from_bits(bits: usize) -> Self {
         Self {
             smooth: bits & 1 != 0,

@@ -90,7 +90,6 @@ fn notes_of<I: Intersector>(frame: &Frame, intersector: &I, tile: &Tile<'_>, pla
     notes
 }
 
-/// Learns which lamps light places.
 fn learn_lamps<I: Intersector>(
     prepared: &Prepared,
     intersector: &I,

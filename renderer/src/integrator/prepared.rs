@@ -41,7 +41,6 @@ pub(super) struct Shading {
     pub(super) emission: Vec3,
     /// See [`Lights::lamp_density`].
     pub(super) density: f32,
-    /// Whether it shines.
     pub(super) glows: bool,
     /// Whether it has textures; then the rest is that of its factors alone.
     pub(super) textured: bool,

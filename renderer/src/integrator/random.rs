@@ -55,7 +55,6 @@ fn to_unit(bits: u32) -> f32 {
 }
 
 impl PathRandom {
-    /// Of no path.
     pub(super) const NONE: Self = Self { key: 0, reversed: 0 };
 
     /// The numbers of sample `sample` of pixel `pixel` in a picture with this seed.

@@ -68,7 +68,6 @@ pub(crate) struct Learnt {
     pub(super) lamps: Option<Arc<LampGuide>>,
     /// Mean luminance of the picture; 0 before anything was learnt.
     pub(super) brightness: f32,
-    /// How long it took.
     pub(crate) times: LearningTimes,
 }
 

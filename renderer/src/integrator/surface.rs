@@ -67,7 +67,6 @@ impl Facet {
         (self.a.w.to_bits() & !SMOOTH) as usize
     }
 
-    /// Whether its normals are interpolated.
     #[inline(always)]
     pub(super) fn is_smooth(&self) -> bool {
         self.a.w.to_bits() & SMOOTH != 0
@@ -80,7 +79,6 @@ impl Facet {
         [Vec3::new(a, b, c), Vec3::new(d, e, f), Vec3::new(g, h, self.ac.w)]
     }
 
-    /// The first corner and the edges to the others.
     #[inline(always)]
     pub(super) fn corner_and_edges(&self) -> [Vec3; 3] {
         [self.a, self.ab, self.ac].map(Vec4::truncate)
@@ -97,7 +95,6 @@ pub(super) struct WorldFacet {
     pub(super) longest: f32,
     /// Distance of its object from the origin: a ray's way into the object's space rounds at this magnitude.
     pub(super) place: f32,
-    /// Whether the normals are to be interpolated.
     pub(super) is_smooth: bool,
     /// Whether its object is mirrored, which turns its front away.
     pub(super) is_mirrored: bool,
@@ -152,7 +149,6 @@ fn longest(ab: Vec3A, ac: Vec3A) -> f32 {
 /// A point on a triangle, seen from a ray.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Surface {
-    /// Where it is.
     pub(super) position: Vec3,
     /// Unit normal of the triangle, on the viewer's side.
     pub(super) geometric_normal: Vec3,

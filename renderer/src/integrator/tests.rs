@@ -53,7 +53,6 @@ fn camera(position: Vec3, target: Vec3) -> Camera {
     Camera::upright(position, target, 30.0)
 }
 
-/// A quad over two edges.
 pub(super) fn quad(corner: Vec3, a: Vec3, b: Vec3) -> Vec<[Vec3; 3]> {
     vec![[corner, corner + a, corner + a + b], [corner, corner + a + b, corner + b]]
 }

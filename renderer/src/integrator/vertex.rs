@@ -56,7 +56,6 @@ impl Path {
 /// The data that all paths of a frame share.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Tracing {
-    /// Most bounces of a path.
     pub(super) bounces: u32,
     /// The angle that a pixel covers, in radians.
     pub(super) pixel_angle: f32,
@@ -117,7 +116,6 @@ impl Path {
 /// The requests of a vertex.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Next {
-    /// A shadow ray.
     pub(super) shadow: bool,
     /// The path goes on with a new ray.
     pub(super) goes_on: bool,
@@ -133,7 +131,6 @@ pub(super) struct Shadow {
 }
 
 impl Shadow {
-    /// None yet.
     pub(super) const BLANK: Self = Self {
         ray: Ray { origin: Vec3::ZERO, direction: Vec3::Z, t_min: 0.0, t_max: 0.0 },
         light: Vec3::ZERO,
@@ -164,14 +161,12 @@ static VERTICES: [Vertex; Needs::SETS] = kernels!(
 );
 
 impl Kernel {
-    /// The kernel of a set of needs.
     pub(super) fn of(needs: Needs) -> Self {
         let needs = needs.closed();
         Self { needs, vertex: VERTICES[needs.kernel()] }
     }
 }
 
-/// See [`Kernel::vertex`].
 fn vertex<const NEEDS: usize>(
     prepared: &Prepared,
     tracing: &Tracing,

@@ -40,7 +40,6 @@ pub(super) fn boolean(name: &str, default: bool, about: &'static str) -> Explain
     explained(name, Domain::Boolean, default, about)
 }
 
-/// A whole number.
 pub(super) fn integer(
     name: &str,
     range: RangeInclusive<i64>,

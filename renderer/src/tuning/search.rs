@@ -166,7 +166,6 @@ pub fn run(
     Ok(SearchOutcome { trials: all, reference_ms: Summary::of(&references).median, disturbance })
 }
 
-/// The trials alone.
 pub(super) fn trials(
     renderer: &mut Renderer,
     tuner: &mut dyn NextTrial,

@@ -133,7 +133,6 @@ fn follow_rivals(space: &TuningSpace, start: &Start) -> Vec<Rival> {
     [low, default].into_iter().chain(used_well).chain([own_start(space, start)]).collect()
 }
 
-/// Where a search begins.
 fn own_start(space: &TuningSpace, start: &Start) -> Rival {
     let who = if matches!(start, Start::Own(_)) { Who::YourStart } else { Who::BestFixed };
     let configuration = Some(space.default_configuration());

@@ -15,7 +15,6 @@ const BATCH: usize = 256;
 /// Rounds in which a packing is chosen.
 const CHOOSING_ROUNDS: usize = 3;
 
-/// The speed of a structure on a set of rays.
 pub(crate) struct Speed {
     pub(crate) name: &'static str,
     pub(crate) maker: Maker,
@@ -77,7 +76,6 @@ fn best_packing(pool: &ThreadPool, intersector: &dyn Intersector, set: &RaySet, 
     best.map_or(Packets::Single, |(packets, _)| *packets)
 }
 
-/// The median of at least one value.
 pub(crate) fn median(values: &[f64]) -> f64 {
     let mut sorted = values.to_vec();
     sorted.sort_by(f64::total_cmp);

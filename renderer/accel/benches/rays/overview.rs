@@ -51,7 +51,6 @@ fn is_native(one: &Speed) -> bool {
     one.maker == Maker::Native && !one.robust
 }
 
-/// The recommended tree with single rays.
 fn is_recommended(one: &Speed) -> bool {
     one.name == RECOMMENDED && !one.packed
 }

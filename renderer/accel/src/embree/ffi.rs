@@ -58,7 +58,6 @@ pub(crate) struct RtcHit {
 }
 
 impl RtcHit {
-    /// Of a ray that has met nothing.
     pub(crate) const NONE: Self = Self {
         normal: [0.0; 3],
         u: 0.0,
@@ -156,7 +155,6 @@ unsafe extern "C" {
         user: *mut c_void,
     );
 
-    /// `rtcSetGeometryUserData`.
     #[link_name = "rtcSetGeometryUserData"]
     pub(crate) fn rtc_set_geometry_user_data(geometry: RTCGeometry, user: *mut c_void);
 
@@ -184,9 +182,7 @@ pub(crate) struct FilterArguments {
     pub(crate) count: c_uint,
 }
 
-/// `RTC_ERROR_NONE`.
 pub(crate) const ERROR_NONE: u32 = 0;
 /// `RTC_ERROR_UNKNOWN`: what a builder says that ran into its depth limit.
 pub(crate) const ERROR_UNKNOWN: u32 = 1;
-/// `RTC_ERROR_OUT_OF_MEMORY`.
 pub(crate) const ERROR_OUT_OF_MEMORY: u32 = 4;

@@ -17,7 +17,6 @@ pub struct NativeScene {
     pub(super) scene: SceneHandle,
     bytes: usize,
     options: NativeOptions,
-    /// Whether the scene is of the kind that can be refitted.
     refits: bool,
     /// The scene reads these vertices and lives on this device: both must outlive it.
     triangles: Arc<Triangles>,

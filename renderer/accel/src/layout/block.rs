@@ -53,12 +53,10 @@ impl<const B: usize> Block<B> {
         (lower, upper, count)
     }
 
-    /// Numbers of the triangles in use.
     pub(crate) fn numbers(&self) -> impl Iterator<Item = u32> + '_ {
         self.triangles.iter().filter(|&&number| number != NO_TRIANGLE).map(|&number| number & !CARD)
     }
 
-    /// Gives the triangles other numbers.
     pub(crate) fn renumber(&mut self, renumbered: impl Fn(u32) -> u32) {
         for number in self.triangles.iter_mut().filter(|number| **number != NO_TRIANGLE) {
             *number = renumbered(*number & !CARD) | (*number & CARD);

@@ -1,6 +1,5 @@
 //! Axis-aligned boxes.
 
-/// An axis-aligned box.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Bounds {
     pub(crate) lower: [f32; 3],

@@ -24,7 +24,6 @@ use std::sync::Arc;
 
 use crate::{geometry::Triangles, limits::LEAF_SIZE_MAX, prefetch::prefetch_line};
 
-/// Most children a node.
 pub(crate) const WIDTH_MAX: usize = 16;
 
 /// Fewest triangles a block.
@@ -75,12 +74,10 @@ impl NodeRef {
         Self(items.cast::<u8>().map_addr(|address| address | LEAF_BIT | count))
     }
 
-    /// As the builder carries it.
     pub(crate) fn into_raw(self) -> *mut std::ffi::c_void {
         self.0.cast()
     }
 
-    /// Back from the builder.
     pub(crate) fn from_raw(raw: *mut std::ffi::c_void) -> Self {
         Self(raw.cast())
     }

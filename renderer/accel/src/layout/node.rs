@@ -6,7 +6,6 @@ use super::{Bounds, NodeRef, WIDTH_MAX};
 pub(crate) trait TreeNode: Copy + Send + Sync + 'static {
     /// Most children, at most [`WIDTH_MAX`].
     const WIDTH: usize;
-    /// A node without children.
     const EMPTY: Self;
 
     /// Sets the bounds of the first children, which thereby are in use; the other places become unused.
@@ -15,7 +14,6 @@ pub(crate) trait TreeNode: Copy + Send + Sync + 'static {
     /// The references to the children, [`TreeNode::WIDTH`] of them; unused places hold [`NodeRef::EMPTY`].
     fn children(&self) -> &[NodeRef];
 
-    /// The children, to be set.
     fn children_mut(&mut self) -> &mut [NodeRef];
 
     /// Puts the child of place `order[p]` into place `p`, for the first [`TreeNode::WIDTH`] places.

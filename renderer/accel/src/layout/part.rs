@@ -12,7 +12,6 @@ pub(crate) struct PlacedPart {
     /// Root of the object's tree.
     pub(crate) node: NodeRef,
     pub(crate) object: u32,
-    /// Number of the instance.
     pub(crate) instance: u32,
 }
 

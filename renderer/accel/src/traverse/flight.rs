@@ -14,7 +14,6 @@ use super::triangles::{BlockLeaves, Blocks};
 use crate::geometry::{Hit, Ray};
 use crate::layout::{Block, NodeRef, Root, TreeNode};
 
-/// Most rays in flight.
 pub(crate) const FLIGHT_MAX: usize = 8;
 
 /// The requests of a ray, step by step.
@@ -36,11 +35,9 @@ pub(crate) trait Query<'a> {
     /// Visits a node or leaf and gives what to visit next, [`NodeRef::END`] after the last one.
     unsafe fn visit(&mut self, current: NodeRef, stack: &mut Self::Stack) -> NodeRef;
 
-    /// The answer, after the last step.
     fn answer(&self) -> Self::Answer;
 }
 
-/// The nearest hit.
 pub(crate) struct ClosestQuery<'a, N, X, T, const B: usize> {
     boxes: X,
     leaves: BlockLeaves<'a, T, B>,
@@ -77,7 +74,6 @@ impl<'a, N: TreeNode, X: Boxes<N>, T: Blocks<B>, const B: usize> Query<'a> for C
     }
 }
 
-/// Whether anything is hit.
 pub(crate) struct OccludedQuery<'a, N, X, T, const B: usize> {
     boxes: X,
     leaves: BlockLeaves<'a, T, B>,

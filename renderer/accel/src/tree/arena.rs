@@ -36,7 +36,6 @@ impl Arena {
         Ok(Self { start, layout })
     }
 
-    /// The first byte.
     pub(super) fn start(&self) -> *mut u8 {
         self.start.as_ptr()
     }

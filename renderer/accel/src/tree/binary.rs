@@ -8,7 +8,6 @@ use glam::Vec3A;
 use super::sketch::{SketchRef, Sketched};
 use crate::layout::Bounds;
 
-/// A node or leaf with its box.
 #[derive(Clone, Copy, Debug)]
 #[repr(C, align(32))]
 pub(super) struct BinaryNode {

@@ -24,7 +24,6 @@ use crate::traverse::{Isa, Kernels};
 use crate::{embree::Device, error::BuildError, geometry::Triangles, limits::MAX_DEPTH};
 
 impl Tree {
-    /// Checks the parameters and builds.
     pub(crate) fn build(
         device: &Device,
         triangles: &Arc<Triangles>,
@@ -126,7 +125,6 @@ pub(super) fn plan_over_halves(boxes: &[Bounds], branching_factor: u32, reinsert
     collapsed(halved(boxes), &TreeParameters { branching_factor, reinsertion_passes, ..one_each })
 }
 
-/// The box of each triangle, by number.
 fn box_of(triangles: &Triangles) -> impl Fn(usize) -> Bounds + Sync {
     move |number| Bounds::of_corners(&triangles.corners(number))
 }

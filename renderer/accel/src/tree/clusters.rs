@@ -82,7 +82,6 @@ impl Clusters {
         self.upper.iter_mut().for_each(|plane| plane.resize(places, f32::INFINITY));
     }
 
-    /// Moves a cluster forward.
     pub(super) fn move_to(&mut self, to: usize, from: usize) {
         if to < from {
             let bounds = self.bounds(from);
@@ -91,7 +90,6 @@ impl Clusters {
         }
     }
 
-    /// Frees the places from `count` on.
     pub(super) fn truncate(&mut self, count: usize) {
         let nothing = Bounds { lower: [f32::NEG_INFINITY; 3], upper: [f32::INFINITY; 3] };
         for place in count..self.rest.len() {

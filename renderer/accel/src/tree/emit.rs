@@ -87,7 +87,6 @@ pub(super) fn emit<N: TreeNode, const B: usize>(
 }
 
 impl Room {
-    /// None yet.
     fn new() -> Self {
         Self { next: std::ptr::null_mut(), left: 0 }
     }
@@ -98,7 +97,6 @@ impl Emitter<'_> {
         self.rooms.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Room for `count` values.
     fn take<T>(&self, room: &mut Room, count: usize) -> Result<*mut T, BuildError> {
         let bytes = count * size_of::<T>();
         let padding = room.next.align_offset(align_of::<T>());

@@ -28,7 +28,6 @@ pub(super) struct EmbreeMemory {
 }
 
 impl EmbreeMemory {
-    /// No memory yet.
     pub(super) fn new(device: &Device) -> Result<Self, BuildError> {
         // SAFETY: the device is valid.
         let handle = unsafe { ffi::rtcNewBVH(device.handle()) };

@@ -64,7 +64,6 @@ impl Items for &[PlacedPart] {
 }
 
 impl Level {
-    /// Without anything in it.
     pub(super) fn empty(parameters: &TreeParameters) -> Self {
         let isa = Isa::detect();
         let kernels = LevelKernels::select(isa, parameters.robust).expect("the instruction set was detected");
@@ -122,7 +121,6 @@ impl Level {
         true
     }
 
-    /// Bytes of nodes and parts.
     pub(super) fn bytes(&self) -> usize {
         self.nodes * size_of::<Node<LEVEL_WIDTH>>() + self.parts * size_of::<PlacedPart>()
     }

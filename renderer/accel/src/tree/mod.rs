@@ -72,7 +72,6 @@ unsafe impl Send for Tree {}
 unsafe impl Sync for Tree {}
 
 impl Tree {
-    /// The box around all triangles.
     pub(crate) fn bounds(&self) -> Bounds {
         self.root.bounds
     }

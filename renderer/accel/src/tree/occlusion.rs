@@ -26,7 +26,6 @@ pub(super) struct Prospect {
 }
 
 impl Prospect {
-    /// Of nothing.
     pub(super) const NONE: Self = Self { blocked: 0.0, cost: 0.0 };
 
     /// Of a leaf with blocks of triangles of such an area in a box of such half an area.

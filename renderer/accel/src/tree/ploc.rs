@@ -21,7 +21,6 @@ const TRIANGLES_PER_TASK: usize = 4_096;
 /// Triangles whose boxes are fetched ahead of their use: parts along the curve are anywhere in memory.
 const FETCHED_AHEAD: usize = 64;
 
-/// Two joined clusters.
 #[derive(Clone, Copy, Debug)]
 struct Joined {
     bounds: Bounds,
@@ -247,7 +246,6 @@ impl Ploc {
         Self { boxes, keys, nodes, root }
     }
 
-    /// The box around a node or triangle.
     pub(super) fn bounds(&self, link: ClusterLink) -> Bounds {
         match link.triangle() {
             Some(triangle) => self.boxes[triangle as usize],
@@ -265,7 +263,6 @@ impl Ploc {
         link.triangle().is_some() || self.nodes[link.0 as usize].is_leaf
     }
 
-    /// The two children of a node.
     pub(super) fn halves(&self, link: ClusterLink) -> [ClusterLink; 2] {
         let node = &self.nodes[link.0 as usize];
         debug_assert!(!node.is_run, "it has none");

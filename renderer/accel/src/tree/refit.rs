@@ -12,11 +12,9 @@ use crate::layout::{Block, Bounds, NodeRef, TreeNode, WIDTH_MAX};
 /// The result of refitting a subtree.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Fitted {
-    /// The box around its triangles.
     pub(super) bounds: Bounds,
     /// Half areas of its nodes, and of its leaves once for each triangle.
     pub(super) area: f64,
-    /// Triangles in its leaves.
     pub(super) triangles: usize,
     /// Levels below its root.
     pub(super) height: u32,

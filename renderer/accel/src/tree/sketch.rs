@@ -9,13 +9,11 @@ use std::ffi::c_void;
 use super::callbacks::{from_embree, guarded};
 use crate::{embree::ffi, layout::Bounds};
 
-/// A node.
 #[repr(C, align(16))]
 pub(super) struct Sketch {
     bounds: [Bounds; 2],
     children: [SketchRef; 2],
     count: u32,
-    /// Leaves below.
     leaves: u32,
 }
 
@@ -35,7 +33,6 @@ pub(super) enum Sketched<'a> {
 impl SketchRef {
     const NOTHING: Self = Self(std::ptr::null_mut());
 
-    /// From what the builder returns.
     pub(super) fn from_raw(raw: *mut c_void) -> Self {
         Self(raw.cast())
     }
@@ -67,7 +64,6 @@ impl SketchRef {
 }
 
 impl Sketch {
-    /// The children with their boxes.
     pub(super) fn children(&self) -> impl Iterator<Item = (Bounds, SketchRef)> + '_ {
         self.bounds.iter().copied().zip(self.children.iter().copied()).take(self.count as usize)
     }

@@ -9,7 +9,6 @@ pub(crate) enum Met<'a> {
     Leaf { bounds: Bounds, reach: Bounds, depth: u32, bytes: usize, numbers: &'a [u32] },
 }
 
-/// Where the walk is.
 #[derive(Clone, Copy)]
 struct Place {
     node: NodeRef,

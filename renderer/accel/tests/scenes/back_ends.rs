@@ -110,7 +110,6 @@ pub(crate) fn all_trees() -> Vec<TreeParameters> {
     all
 }
 
-/// Native scenes of every quality and flag.
 pub(crate) fn native_kinds() -> Vec<NativeOptions> {
     let mut all = Vec::new();
     for quality in [NativeQuality::Low, NativeQuality::Medium, NativeQuality::High] {

@@ -39,7 +39,6 @@ pub(crate) struct Verdict {
 }
 
 impl Verdict {
-    /// Looks at every triangle.
     pub(crate) fn of(triangles: &Triangles, ray: &Ray) -> Self {
         if !ray.is_valid() {
             return Self { possible: Vec::new() };
@@ -53,7 +52,6 @@ impl Verdict {
         self.possible.is_empty() || self.possible.iter().any(|meeting| meeting.sure)
     }
 
-    /// Whether the ray must hit something.
     pub(crate) fn must_hit(&self) -> bool {
         self.possible.iter().any(|meeting| meeting.sure)
     }

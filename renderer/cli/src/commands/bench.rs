@@ -146,7 +146,6 @@ fn contenders(arguments: &Arguments, scene: &Scene) -> Result<Vec<Contender>> {
     Ok(contenders)
 }
 
-/// Measures and prints.
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let scene = arguments.view.scene.load()?;
     let contenders = contenders(arguments, &scene)?;

@@ -51,7 +51,6 @@ struct Answer {
     configuration: Configuration,
 }
 
-/// Asks and prints JSON.
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let client = arguments.server.connect(arguments.view.frame.threads)?;
     let scene = arguments.view.scene.load()?;

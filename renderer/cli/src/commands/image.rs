@@ -50,7 +50,6 @@ pub(crate) struct Arguments {
     json: bool,
 }
 
-/// Reads a way from radiance to colours.
 fn tone() -> impl TypedValueParser<Value = Tone> {
     one_of([
         (Tone::Film, "film", "A film-like curve (AgX), in which nothing burns out"),
@@ -79,7 +78,6 @@ struct Outcome {
     out: PathBuf,
 }
 
-/// Renders the picture.
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     check_folder(&arguments.out)?;
     image_file::check_path(&arguments.out)?;

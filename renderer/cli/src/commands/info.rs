@@ -77,7 +77,6 @@ struct SceneInfo {
     notes: Vec<String>,
 }
 
-/// Prints the contents of a scene.
 pub(crate) fn info(arguments: &InfoArguments) -> Result<()> {
     let scene = arguments.scene.load()?;
     let camera = arguments.camera.find(&scene)?;
@@ -138,7 +137,6 @@ fn corner(corner: [f32; 3]) -> String {
     corner.map(|coordinate| format!("{coordinate:.3}")).join("  ")
 }
 
-/// Lists the built-in scenes.
 pub(crate) fn scenes(arguments: &ListArguments) -> Result<()> {
     let scenes: Vec<_> = builtin::names()
         .map(|name| (format!("builtin:{name}"), builtin::about(name).unwrap_or_default()))
@@ -154,7 +152,6 @@ pub(crate) fn scenes(arguments: &ListArguments) -> Result<()> {
     Ok(())
 }
 
-/// Shows a parameter space.
 pub(crate) fn spaces(arguments: &SpacesArguments) -> Result<()> {
     let space = arguments.space.whole(arguments.objective)?;
     let parameters: Vec<Explained> = space.explained().collect();

@@ -147,7 +147,6 @@ struct FlightResults {
     client: Stats,
 }
 
-/// Flies.
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let moves = arguments.rounds != 0.0;
     let moving = moves.then(|| arguments.scene.moving()).transpose()?;

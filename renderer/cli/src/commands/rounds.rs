@@ -151,7 +151,6 @@ fn in_second_process(
     is_complete.then_some(second).ok_or_else(|| "it measured nothing".to_owned())
 }
 
-/// The number of rounds that were run.
 fn rounds_of(measured: &[Measured]) -> u32 {
     let rounds = measured.iter().map(|one| one.frames.len()).max();
     rounds.map_or(0, |rounds| u32::try_from(rounds).unwrap_or(u32::MAX))

@@ -101,7 +101,6 @@ struct Place {
     sequence: Sequence,
 }
 
-/// Measures the missing samples.
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let client = arguments.server.connect(arguments.frame.threads)?;
     let mut renderers = Vec::new();

@@ -31,7 +31,6 @@ const FRESH_STEP: f32 = 0.2;
 /// Longest time for the last reports to reach the service.
 const FLUSH: Duration = Duration::from_secs(10);
 
-/// Tunes and prints the results.
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let arguments = &arguments.with_space()?;
     for path in arguments.json.iter().chain(&arguments.report) {
@@ -264,7 +263,6 @@ fn is_milestone(trials: u32) -> bool {
     trials.is_power_of_two() || trials.is_multiple_of(3) && (trials / 3).is_power_of_two()
 }
 
-/// The results of the search.
 struct Searched {
     found: SearchOutcome,
     milestones: Vec<Milestone>,

@@ -133,7 +133,6 @@ impl Arguments {
         Err(CliError::Usage(format!("--objective {name} {cause}; leave {option} out")))
     }
 
-    /// Frames rendered with each configuration.
     pub(super) fn frames(&self) -> u32 {
         self.frames.unwrap_or(1)
     }
@@ -150,7 +149,6 @@ impl Arguments {
         }
     }
 
-    /// Longest wait for an answer of the daemon.
     pub(super) fn patience(&self) -> Duration {
         Duration::from_secs(self.patience_s)
     }

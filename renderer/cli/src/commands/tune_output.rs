@@ -12,7 +12,6 @@ use treewright_renderer::tuning::who::Who;
 /// Frames after which the time of the whole session is shown.
 const SESSIONS: [u32; 3] = [100, 1000, 10_000];
 
-/// Prints the results for people.
 pub(crate) fn print(results: &TuningResults) {
     let per_frame = match results.objective {
         Objective::Render => "frame ms",

@@ -17,7 +17,6 @@ pub(crate) fn run(folder: &Path, arguments: &str) -> Output {
         .expect("the program starts")
 }
 
-/// A scratch folder, removed when dropped.
 pub(crate) fn folder() -> tempfile::TempDir {
     tempfile::tempdir().expect("a scratch folder")
 }

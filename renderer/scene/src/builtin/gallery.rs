@@ -15,7 +15,6 @@ const HALF_WIDTH: f32 = 5.5;
 const HEIGHT: f32 = 6.4;
 const BALCONY: f32 = 3.4;
 
-/// The paints of pictures.
 const PAINTS: [(f32, f32, f32); 8] = [
     (0.75, 0.12, 0.08),
     (0.9, 0.62, 0.1),

@@ -29,7 +29,6 @@ impl Default for Options {
 
 /// The results of a generator besides meshes.
 pub(super) struct LightAndPath {
-    /// Light from outside.
     pub(super) sky: Sky,
     /// Keys of the camera path; the first is the scene's camera.
     pub(super) keys: Vec<Camera>,
@@ -74,12 +73,10 @@ impl<'a> Generator<'a> {
         ((at_full_detail as f32 * self.options.detail).round() as usize).max(1)
     }
 
-    /// A number from a range.
     pub(super) fn between(&mut self, low: f32, high: f32) -> f32 {
         low + (high - low) * self.dice.random::<f32>()
     }
 
-    /// A point in a box.
     pub(super) fn within(&mut self, low: Vec3, high: Vec3) -> Vec3 {
         let [x, y, z] = [0, 1, 2].map(|axis| self.between(low[axis], high[axis]));
         Vec3::new(x, y, z)
@@ -90,7 +87,6 @@ impl<'a> Generator<'a> {
         self.dice.random_range(0..limit.max(1))
     }
 
-    /// True with a probability.
     pub(super) fn chance(&mut self, probability: f32) -> bool {
         self.dice.random::<f32>() < probability
     }
@@ -102,12 +98,10 @@ impl<'a> Generator<'a> {
         Ok(self.assembler.end_object())
     }
 
-    /// Registers a material.
     pub(super) fn material(&mut self, material: Material) -> u32 {
         self.assembler.material(material)
     }
 
-    /// Registers materials.
     pub(super) fn materials<const N: usize>(&mut self, materials: [Material; N]) -> [u32; N] {
         materials.map(|material| self.material(material))
     }
@@ -131,13 +125,11 @@ impl<'a> Generator<'a> {
         self.assembler.texture(name, name, encoding, [wrap; 2], make)
     }
 
-    /// Adds shapes as one mesh.
     pub(super) fn add(&mut self, name: &str, paint: impl Paint, shapes: &Shapes) -> Result<(), SceneError> {
         let material = paint.registered(self);
         self.add_part(name, material, &shapes.part)
     }
 
-    /// Adds a part as one mesh.
     pub(super) fn add_part(&mut self, name: &str, material: u32, part: &Part) -> Result<(), SceneError> {
         self.assembler.mesh(name, material, part)
     }
@@ -149,7 +141,6 @@ pub(super) fn sunny(zenith: [f32; 3], horizon: [f32; 3], towards: [f32; 3], ligh
     Sky { zenith: Vec3::from_array(zenith), horizon: Vec3::from_array(horizon), sun: Some(sun) }
 }
 
-/// A key of a camera path.
 pub(super) fn key(position: [f32; 3], target: [f32; 3], vertical_fov_deg: f32) -> Camera {
     Camera::upright(Vec3::from_array(position), Vec3::from_array(target), vertical_fov_deg)
 }

@@ -19,7 +19,6 @@ const OUTER: f32 = 9.0;
 const COLUMN: f32 = 5.2;
 /// Height of the arcade and of the aisles.
 const AISLE: f32 = 8.2;
-/// Height of the ceiling.
 const CEILING: f32 = 13.4;
 const BAYS: usize = 9;
 const BAY: f32 = 2.0 * HALF_LENGTH / BAYS as f32;

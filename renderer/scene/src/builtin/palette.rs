@@ -4,7 +4,6 @@ use glam::Vec3;
 
 use crate::Material;
 
-/// A matt surface.
 pub(super) fn matt(red: f32, green: f32, blue: f32) -> Material {
     Material { base_color: Vec3::new(red, green, blue), ..Material::default() }
 }
@@ -14,7 +13,6 @@ pub(super) fn polished(red: f32, green: f32, blue: f32, roughness: f32) -> Mater
     Material { roughness, ..matt(red, green, blue) }
 }
 
-/// A metal.
 pub(super) fn metal(red: f32, green: f32, blue: f32, roughness: f32) -> Material {
     Material { metallic: 1.0, roughness, ..matt(red, green, blue) }
 }
@@ -29,12 +27,10 @@ pub(super) fn glow(red: f32, green: f32, blue: f32) -> Material {
     Material { emission: Vec3::new(red, green, blue), ..matt(0.0, 0.0, 0.0) }
 }
 
-/// Polished brass.
 pub(super) fn brass() -> Material {
     metal(0.88, 0.66, 0.32, 0.22)
 }
 
-/// Brushed steel.
 pub(super) fn steel() -> Material {
     metal(0.62, 0.64, 0.67, 0.3)
 }

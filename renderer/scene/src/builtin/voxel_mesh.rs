@@ -6,7 +6,6 @@ use rayon::prelude::*;
 
 use crate::part::Part;
 
-/// No cube.
 pub(super) const AIR: u8 = 0;
 
 /// A block of cubes, each of a kind from 1 to 255 or [`AIR`].
@@ -16,12 +15,10 @@ pub(super) struct Grid {
 }
 
 impl Grid {
-    /// All air.
     pub(super) fn new(size: IVec3) -> Self {
         Self { size, kinds: vec![AIR; (size.x * size.y * size.z) as usize] }
     }
 
-    /// Its extent in cubes.
     pub(super) fn size(&self) -> IVec3 {
         self.size
     }

@@ -60,7 +60,6 @@ impl Default for Chunk {
 }
 
 impl Chunk {
-    /// Without hits.
     pub(super) fn clear(&mut self) {
         (self.matt, self.glossy) = (0, 0);
     }

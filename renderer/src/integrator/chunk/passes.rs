@@ -210,7 +210,6 @@ fn shadow(columns: &mut Columns, lane: usize, surface: &Surface, light: &LightSa
     departures.light.set(lane, arrivals.throughput.get(lane) * value * light.radiance * weight);
 }
 
-/// Turns a path to a new direction.
 #[inline(always)]
 fn turn(
     columns: &mut Columns,

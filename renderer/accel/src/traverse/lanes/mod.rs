@@ -34,7 +34,6 @@ pub(crate) use portable::Portable;
 /// Every function requires the processor features the type is named after. Pointers must be valid for `COUNT`
 /// numbers and aligned to their whole size.
 pub(crate) trait Lanes: Copy {
-    /// Numbers in the vector.
     const COUNT: usize;
     /// One truth value a lane.
     type Mask: Copy;

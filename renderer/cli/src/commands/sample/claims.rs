@@ -24,7 +24,6 @@ struct Held {
 /// The known samples of a study.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Claims {
-    /// The name of this renderer.
     own: String,
     /// Numbers that are there, by sequence.
     done: BTreeMap<u32, BTreeSet<u32>>,
@@ -97,12 +96,10 @@ impl Claims {
         }
     }
 
-    /// Notes that a sample is there.
     pub(super) fn note(&mut self, sequence: u32, sample: u32) {
         self.done.entry(sequence).or_default().insert(sample);
     }
 
-    /// Whether a sample is there.
     pub(super) fn has(&self, sequence: u32, sample: u32) -> bool {
         self.done.get(&sequence).is_some_and(|done| done.contains(&sample))
     }
