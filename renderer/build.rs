@@ -1,7 +1,6 @@
-//! Sets the run path of binaries and tests that link Embree, so that they find it from any folder. Every
-//! crate above `treewright-accel` names this file as its build script: a run path counts for the package that
-//! sets it alone. `TREEWRIGHT_RUN_PATH` names another one, such as `$ORIGIN/../lib` in what is handed out
-//! (tools/dist.py).
+//! Sets the run path of binaries and tests that link Embree. Every crate above `treewright-accel` names this
+//! file: a run path counts for one package alone. `TREEWRIGHT_RUN_PATH` names another one, such as
+//! `$ORIGIN/../lib` (tools/dist.py).
 
 fn main() {
     println!("cargo::rerun-if-env-changed=DEP_TREEWRIGHT_EMBREE_LIB_DIR");

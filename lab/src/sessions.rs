@@ -1,5 +1,4 @@
-//! What a session costs in which the geometry changes every few frames: with one structure, or with a quick
-//! one that gives way to a better one. Builds and frames were measured before; here they are added up.
+//! Sums of measured builds and frames of sessions whose geometry changes every few frames.
 
 use serde::{Deserialize, Serialize};
 

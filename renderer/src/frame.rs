@@ -346,8 +346,7 @@ impl Renderer {
         self.make_ready(choice, false).map(|ready| ready.build_ms)
     }
 
-    /// Makes ready for a trial, like [`Self::rebuild`]. With `reuse`, a structure that is there already
-    /// serves again, a few times.
+    /// Makes ready for a trial, like [`Self::rebuild`]. With `reuse`, a kept structure serves again at times.
     pub fn make_ready(&mut self, choice: &BuildChoice, reuse: bool) -> Result<Ready, BuildError> {
         if reuse
             && let Some(current) = &mut self.current

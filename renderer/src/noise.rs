@@ -1,5 +1,4 @@
-//! The noise of a picture, without a reference, from two halves of its samples: drawn independently, they lie
-//! as far apart as each lies from the truth.
+//! The noise of a picture without a reference, from two halves of its samples that are independent.
 
 use serde::{Deserialize, Serialize};
 

@@ -54,8 +54,7 @@ pub struct ThreadTimes {
 }
 
 impl ThreadTimes {
-    /// The times of work that `threads` threads shared within `wall_ms`, beyond which they cannot have
-    /// waited.
+    /// The times of work that `threads` threads shared: within `wall_ms` they cannot have waited longer.
     #[must_use]
     pub fn shared_by(self, threads: usize, wall_ms: f64) -> Self {
         let most_ms = (threads.max(1) as f64 * wall_ms - self.cpu_ms).max(0.0);

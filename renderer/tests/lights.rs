@@ -1,5 +1,4 @@
-//! Lights without size, from a glTF file to the picture: as much light as the extension KHR_lights_punctual
-//! specifies, and only where it says.
+//! Lights without size from a glTF file to the picture: as much light as KHR_lights_punctual specifies.
 
 use std::{path::Path, sync::Arc};
 

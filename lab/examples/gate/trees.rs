@@ -1,5 +1,4 @@
-//! A model of the renderer's whole space: two back ends with parameters of their own, ray packets, tiles.
-//! Factors of the parameters multiply, some only together; a seventh cannot be built; frames vary by 7 %.
+//! A model of the renderer's whole space: two back ends, ray packets, tiles; a seventh cannot be built.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;

@@ -1,5 +1,4 @@
-//! The entrants of `converge`: the two defaults, native Embree used well, the best fixed configuration, and
-//! the configurations on the command line.
+//! The entrants of `converge`: those that always take part, and the configurations of the command line.
 
 use std::path::{Path, PathBuf};
 

@@ -1,5 +1,4 @@
-//! `evaluate verify` and `report`: the answers of predictors to a record are measured, and compared
-//! with the searches.
+//! `evaluate verify` and `report`: measures predictors' answers to a record, and compares them with searches.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::{path::PathBuf, sync::Arc};

@@ -1,5 +1,4 @@
-//! The figures of the paper's section 7 as SVG: boxes by scene, break-even points, and one search beside its
-//! prediction.
+//! The figures of the paper's section 7 as SVG: boxes by scene, break-even points, and one search.
 
 use std::collections::BTreeMap;
 

@@ -1,5 +1,4 @@
-//! The evaluation in words, tables and figures: one page without anything from outside, and the numbers
-//! behind it as CSV.
+//! The evaluation as one page of words, tables and figures, and the numbers behind it as CSV.
 
 use std::{collections::BTreeMap, fmt::Write as _};
 

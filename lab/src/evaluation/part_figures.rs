@@ -1,5 +1,4 @@
-//! Numbers and figures of the paper's section 4: parts of the space searched alone (Figures 6 to 8),
-//! splitting by frame size (4.1), and the turning cylinder of needles (Figure 9).
+//! Figures of the paper's section 4: parts of the space (6 to 8), splitting (4.1), turning needles (9).
 
 use treewright_client::{Configuration, Value};
 use treewright_figures::{Axis, Colour, Dot, Figure, Stroke};

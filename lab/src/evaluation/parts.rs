@@ -1,5 +1,4 @@
-//! The paper's section 4: a few parameters searched alone (4.2), and the recommended build without and with
-//! splitting under frames of several sizes (4.1) and under needles that turn (4.3).
+//! The paper's section 4: parameters searched alone (4.2), splitting by frame size (4.1), needles (4.3).
 
 use treewright_client::Configuration;
 use treewright_render_cli::error::Result;

@@ -1,5 +1,4 @@
-//! Figures of the two objectives beside each other (Figure 2) and of the tuner's error against iterations and
-//! run time.
+//! Figures of the two objectives (Figure 2), and of the tuner's error against iterations and run time.
 
 use std::fmt::Write as _;
 

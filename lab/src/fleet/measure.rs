@@ -1,5 +1,4 @@
-//! Searches of emulated machines, and each predictor's answers to a scene that no machine has seen.
-//! Everything here runs in a process that is kept to the machine's instruction set.
+//! Searches of emulated machines, and answers to unseen scenes, in a process of one instruction set.
 
 use std::{borrow::Cow, collections::BTreeMap, collections::btree_map::Entry};
 

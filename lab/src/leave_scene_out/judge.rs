@@ -1,5 +1,4 @@
 //! Tables from a book: the costs of the service's answers over those of configurations without tuning.
-//! Nothing is measured here.
 
 use std::borrow::Cow;
 use std::collections::{BTreeMap, BTreeSet};

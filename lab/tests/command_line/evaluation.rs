@@ -1,5 +1,4 @@
-//! The paper's evaluation as a user runs it, small: recorded in pieces, judged twice to equal bytes, and its
-//! page.
+//! The paper's evaluation as a user runs it: recorded in pieces, judged twice to equal bytes, and its page.
 
 use std::{collections::BTreeMap, path::Path};
 

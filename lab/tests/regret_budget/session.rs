@@ -1,5 +1,4 @@
-//! A simulated renderer, for judging the regret budget: its machine changes its speed, its frames vary, and
-//! its states are the worst that can be.
+//! A simulated renderer for the regret budget: its speed changes, frames vary, states are the worst.
 
 use std::{collections::BTreeMap, sync::Arc};
 

@@ -69,8 +69,7 @@ pub enum BuildError {
         /// The rule that it breaks.
         rule: &'static str,
     },
-    /// The tree would be deeper than `max_depth`. Depends on the scene: mostly binary trees with small
-    /// limits.
+    /// The tree would be deeper than `max_depth`: mostly binary trees with small limits.
     #[error(
         "the tree reached the depth limit of {max_depth}: raise max_depth, branching_factor or max_leaf_size"
     )]

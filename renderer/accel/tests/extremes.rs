@@ -1,5 +1,4 @@
-//! Stiff and extreme geometry and rays, over every back end. `docs/measurements/extreme-geometry.md`
-//! describes each case.
+//! Extreme geometry and rays, over every back end: see `docs/measurements/extreme-geometry.md`.
 
 use std::sync::Arc;
 

@@ -1,5 +1,4 @@
-//! Commands of the laboratory: this program hands them on to `treewright-lab`, which lies in its folder, so
-//! that a renderer that only tunes carries none of it.
+//! Commands that this program hands on to `treewright-lab`, so that a renderer carries none of it.
 
 use std::{ffi::OsString, io::ErrorKind, os::unix::process::CommandExt as _, process::Command};
 

@@ -1,5 +1,4 @@
-//! `--fix`, `--range` and `--recommended`: a part of a space, as arguments of the commands that search or
-//! sample one.
+//! `--fix`, `--range` and `--recommended`: a part of a space, for commands that search or sample one.
 
 use clap::Args;
 

@@ -1,5 +1,4 @@
-//! Scenes that move by the animations of their file, as glTF 2.0 defines them: nodes that go from key to key,
-//! meshes that joints bend, and meshes that morph towards targets.
+//! Scenes that move by animations of their file, after glTF 2.0: nodes, joints, and morph targets.
 
 use std::{collections::HashMap, sync::Arc};
 

@@ -1,5 +1,4 @@
-//! Puts parts together into a [`Scene`] and completes the source: drops bad triangles, adds missing normals,
-//! light and camera.
+//! Puts parts together into a [`Scene`]: drops bad triangles, adds missing normals, light and camera.
 
 use std::path::{Path, PathBuf};
 use std::{ops::Range, sync::Arc};

@@ -46,8 +46,7 @@ impl From<&Camera> for CameraPose {
 }
 
 impl CameraPose {
-    /// The camera, by default on the point of its line of sight nearest to the scene's middle, a tenth of the
-    /// diagonal away or more. `None` without finite numbers or a direction.
+    /// The camera, by default aimed at its nearest point to the scene's middle. `None` without a direction.
     pub fn aim(&self, bounds: &Bounds) -> Option<Camera> {
         let forward = self.forward.try_normalize()?;
         if !self.position.is_finite() || !self.vertical_fov_deg.is_finite() {

@@ -1,5 +1,4 @@
-//! Image files for textures and environments: decoded by the crate `image`, within limits that are checked
-//! before memory is taken for their pixels.
+//! Image files of textures and environments, decoded within limits that are checked beforehand.
 
 use std::{io::Cursor, path::Path};
 

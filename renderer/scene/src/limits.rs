@@ -1,5 +1,4 @@
-//! Every limit of scenes, in one place. The number of triangles is limited by
-//! [`treewright_accel::limits::TRIANGLES_MAX`].
+//! Every limit of scenes but that of [triangles](treewright_accel::limits::TRIANGLES_MAX).
 
 /// Largest scene file that is read, in bytes.
 pub const FILE_BYTES_MAX: u64 = 8 << 30;

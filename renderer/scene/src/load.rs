@@ -1,5 +1,4 @@
-//! From a path to a scene: picks the reader by the extension, checks sizes first, and turns a parser's panic
-//! into an error.
+//! From a path to a scene: picks the reader, checks sizes, and turns a parser's panic into an error.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;

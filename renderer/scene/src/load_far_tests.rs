@@ -1,5 +1,4 @@
-//! Scenes that lie far from the origin of their file, as georeferenced ones do, and those too large or small
-//! for single precision: they look like their copies at the origin.
+//! Scenes far from their origin, too large or too small for single precision, look like usual copies.
 
 use glam::{DVec3, Vec3};
 use proptest::prelude::*;

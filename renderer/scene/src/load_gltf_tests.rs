@@ -1,5 +1,4 @@
-//! glTF as people's programs write it: all that the format allows is read, omissions get notes, and a refusal
-//! names its cause.
+//! glTF as programs write it: what the format allows is read, omissions get notes, refusals a cause.
 
 use glam::Vec3;
 use serde_json::{Value, json};

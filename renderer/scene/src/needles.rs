@@ -1,6 +1,5 @@
 //! The cylinder of the paper's section 4.3: long thin triangles, half as long as a scene's diagonal, turning
-//! through its geometry. At most angles it is the hard case for boxes aligned to axes, and for a builder that
-//! splits triangles.
+//! through its geometry; a hard case for boxes and for a builder that splits triangles.
 
 use std::{f32::consts::TAU, path::PathBuf, sync::Arc};
 

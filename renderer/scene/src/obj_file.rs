@@ -99,8 +99,7 @@ fn from_mtl(material: &Described) -> Material {
     let specular = material.colour("Ks").unwrap_or(Vec3::ZERO);
     // A black diffuse and a bright specular colour is how the classic model says metal.
     let metal = diffuse.max_element() < 0.05 && specular.max_element() > 0.3;
-    // The width of a Blinn highlight of exponent n is that of a microfacet roughness of (2 / (n + 2))^(1/4)
-    // (Walter et al. 2007, with roughness squared as the slope).
+    // The width of a Blinn highlight is that of a roughness of (2 / (n + 2))^(1/4) (Walter et al. 2007).
     let glossy = specular.max_element() > 0.02;
     let roughness = match number("Ns") {
         Some(exponent) if glossy => (2.0 / (exponent.max(0.0) + 2.0)).powf(0.25),

@@ -1,5 +1,4 @@
-//! Objects of a scene that is being assembled: runs of triangles in spaces of their own, and their
-//! placements.
+//! Objects of a scene that is being assembled, in spaces of their own, and their placements.
 
 use std::ops::Range;
 

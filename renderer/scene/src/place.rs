@@ -1,7 +1,5 @@
-//! The place and size of a scene as it is drawn. Scenes so small or large that squares and fourth powers of
-//! their lengths leave the range of single precision are drawn larger or smaller. Scenes so far from the
-//! origin of their file that single precision keeps too few digits are drawn around the origin. Neither
-//! changes the picture.
+//! The place and size of a scene as it is drawn: within the range of single precision, and around the origin
+//! where its digits would be too few. Neither changes the picture.
 
 use std::ops::Range;
 

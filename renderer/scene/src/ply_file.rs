@@ -1,5 +1,4 @@
-//! Reads PLY, the Stanford polygon format: ASCII and binary of both byte orders. Colours, texture coordinates
-//! and elements besides vertices and faces are left out.
+//! Reads PLY in text and both byte orders: positions and faces, without colours and texture coordinates.
 
 use std::{borrow::Cow, io::Cursor, path::Path};
 

@@ -1,5 +1,4 @@
-//! Polygons cut into triangles: convex ones as fans, others by ear clipping (the crate `earcut`, after
-//! Mapbox).
+//! Polygons cut into triangles: convex ones as fans, others by ear clipping (the crate `earcut`).
 
 use earcut::Earcut;
 use glam::{DVec2, DVec3, Vec3};

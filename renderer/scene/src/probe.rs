@@ -1,5 +1,4 @@
-//! A few rays through bare triangles, for questions that are asked once a scene: is this point inside a
-//! room, how far is the next wall. Too few for a tree to pay off.
+//! A few rays through bare triangles, for questions that are asked once a scene, without a tree.
 
 use glam::{Vec3, Vec3A};
 use rayon::prelude::*;

@@ -1,5 +1,4 @@
-//! Lights without size, as the glTF extension KHR_lights_punctual specifies them: nothing ever meets one, and
-//! their shadows are sharp.
+//! Lights without size (KHR_lights_punctual): nothing ever meets one, and their shadows are sharp.
 
 use std::f32::consts::FRAC_PI_2;
 

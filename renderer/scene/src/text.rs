@@ -1,5 +1,4 @@
-//! Text as files hold it: with or without a byte order mark, in UTF-8 or UTF-16, with line ends of every
-//! system.
+//! Text as files hold it: with or without a byte order mark, UTF-8 or UTF-16, with every line end.
 
 use std::borrow::Cow;
 

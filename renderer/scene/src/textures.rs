@@ -1,5 +1,4 @@
-//! The textures of a scene that is being assembled: each picture once, within the limit of pixels, and the
-//! masks among them.
+//! The textures of a scene in assembly, each picture once within the limit, and the masks among them.
 
 use std::{collections::HashMap, collections::hash_map::Entry, sync::Arc};
 

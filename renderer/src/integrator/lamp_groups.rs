@@ -162,8 +162,7 @@ impl LampGroup {
         0.5 * self.power * cosine.clamp(0.0, 1.0) / square
     }
 
-    /// The largest reach of a point of it that counts when it is compared with others: places that all but
-    /// touch a lamp do not stand for those around them.
+    /// The largest reach of a point of it that counts: places that all but touch a lamp stand for no others.
     pub(super) fn reach_max(&self) -> f32 {
         1.0 / (self.radius * self.radius)
     }

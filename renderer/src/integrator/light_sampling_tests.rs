@@ -1,5 +1,4 @@
-//! With every choice of light sampling, pictures have equal expectations, and both orders of work give equal
-//! bits.
+//! With every choice of light sampling expectations are equal, and both orders of work give equal bits.
 
 use std::sync::Arc;
 

@@ -1,5 +1,4 @@
-//! The order of work changes no picture: stages against the path-by-path way, and every shading kernel
-//! against the least one, bit for bit.
+//! The order of work changes no picture: stages against paths, every kernel against the least one.
 
 use std::sync::Arc;
 

@@ -1,5 +1,4 @@
-//! Path by path: from the camera, over a bounded number of bounces, to the lights. The simple way, and the
-//! reference for the others.
+//! Path by path, from the camera to the lights: the simple way, and the reference for the others.
 
 use glam::Vec3;
 use treewright_accel::{Intersector, Ray};

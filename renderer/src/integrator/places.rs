@@ -1,6 +1,5 @@
-//! The places of a path's random numbers ([`PathRandom`](super::random::PathRandom)): each decision along a
-//! path has its own. Two that shared one would depend on each other, and a picture would be biased where the
-//! light of one is divided by its probability.
+//! The places of a path's random numbers ([`PathRandom`](super::random::PathRandom)): each decision has its
+//! own, since two that shared one would bias a picture.
 
 /// The camera's: the point of the pixel.
 pub(super) const CAMERA: u32 = 0;

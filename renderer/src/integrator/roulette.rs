@@ -1,5 +1,4 @@
-//! Rays that bring little, traced with a lower probability for more: an equal expectation for fewer rays
-//! (Arvo and Kirk, Particle Transport and Image Synthesis, SIGGRAPH 1990).
+//! Rays that bring little, traced with a lower probability for more (Arvo and Kirk, SIGGRAPH 1990).
 
 use super::vertex::{Path, Shadow};
 use super::{places, random::PathRandom, sampling::luminance};

@@ -166,8 +166,7 @@ fn inside_a_grey_ball_that_glows_every_bounce_adds_half_of_the_one_before() {
     }
 }
 
-/// The floor in a gap of 0.1 under a lamp of 2 by 2, which sampled by its area alone would be up to 127 times
-/// as bright as the light that comes back.
+/// A gap of 0.1 under a lamp of 2 by 2: sampled by area alone, up to 127 times too bright.
 #[test]
 fn a_lamp_close_to_the_last_vertex_leaves_no_bright_dots() {
     let (albedo, glow) = (0.8, 3.0);

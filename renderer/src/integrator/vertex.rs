@@ -243,8 +243,7 @@ pub(super) fn weight_over_density(pdf: f32, other: f32) -> f32 {
     1.0 / (pdf * (1.0 + ratio * ratio))
 }
 
-/// The density with which a surface's own sampling, of `pdf`, finds a light at some distance. Last rays find
-/// lamps alone, and nothing finds lights without size.
+/// The density with which a surface's own sampling, of `pdf`, finds a light; none without size.
 #[inline(always)]
 pub(super) fn density_of_finding(pdf: f32, last: bool, distance: f32) -> f32 {
     let by_last_ray = if distance.is_finite() { pdf * LAST_RAY } else { 0.0 };

@@ -1,5 +1,4 @@
-//! The tables of `docs/paper.md` that compare the paper with this project: written from the code, and
-//! compared with it.
+//! The tables of `docs/paper.md` on paper and project, written from the code and compared with it.
 
 use std::fmt::Write as _;
 

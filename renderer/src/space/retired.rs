@@ -1,6 +1,5 @@
-//! Parameters that the full space had once. None of them paid (`docs/measurements/lean.md`), or another space
-//! has them: how a structure follows. So the renderer always does what was recommended. Configurations that
-//! people kept may still name them.
+//! Parameters that the full space had once (`docs/measurements/lean.md`), or that another space has now. The
+//! renderer does what was recommended; kept configurations may still name them.
 
 use treewright_client::Configuration;
 

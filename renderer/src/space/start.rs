@@ -1,5 +1,4 @@
-//! The start of a search: the configuration that is recommended for all scenes, or that of a user who does
-//! not know it.
+//! The start of a search: the configuration recommended for all scenes, or a user's own.
 
 use treewright_client::{Configuration, Parameter};
 

@@ -126,8 +126,7 @@ impl Objective {
         self.frames_per_build() == 1
     }
 
-    /// Whether searches begin with a tree that is built for a frame alone. For an unknown number of frames a
-    /// cheap build is the safer start.
+    /// Whether searches begin with a tree that is built for a frame alone: the safer start.
     pub fn begins_with_cheap_builds(self) -> bool {
         matches!(self, Self::Total | Self::Motion | Self::Auto(_))
     }

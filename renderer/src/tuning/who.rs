@@ -1,5 +1,4 @@
-//! Who takes part in a comparison. Programs tell contenders apart by what they are; names are for people, and
-//! for files.
+//! Who takes part in a comparison: what contenders are, and their names for people and files.
 
 use std::{borrow::Cow, fmt};
 

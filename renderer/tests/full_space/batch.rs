@@ -1,5 +1,4 @@
-//! One configuration over one scene: built, updated where the scene moves, traced in every grouping of rays,
-//! and rendered with.
+//! One configuration over one scene: built, updated, traced in every grouping of rays, and rendered.
 
 use std::sync::Arc;
 

@@ -1,5 +1,4 @@
-//! Right answers first: everything against native Embree, which the tests of this crate hold against brute
-//! force.
+//! Right answers first: all against native Embree, which tests of this crate hold against brute force.
 
 use treewright_accel::recording::{RaySet, Recording};
 use treewright_accel::{Hit, Intersector, Packets};

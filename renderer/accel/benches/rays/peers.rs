@@ -1,5 +1,4 @@
-//! The crate `obvhs` as a further peer, used as its documentation advises: a binary tree and a compressed
-//! eight-wide one, whose triangles are put into the order of the tree's leaves. It does not know of packets.
+//! The crate `obvhs` as its documentation advises: a binary tree and a compressed eight-wide one, no packets.
 
 use std::time::Duration;
 

@@ -72,8 +72,7 @@ impl NativeScene {
         Ok(Self { refits, ..scene })
     }
 
-    /// Follows moved triangles by a refit: the first one builds a scene that can do it, which later ones
-    /// refit.
+    /// Follows moved triangles by a refit: the first one builds a scene that later ones refit.
     pub(crate) fn update(&mut self, triangles: &Arc<Triangles>, update: Update) -> Result<(), BuildError> {
         BuildError::same_count(self.triangles.len(), triangles.len())?;
         update.check()?;

@@ -1,7 +1,6 @@
 //! Several rays in flight on one thread: they take turns, a node or leaf each, so that their waiting for
-//! memory overlaps (Kocberber, Falsafi and Grot, "Asynchronous Memory Access Chaining", 2015). Where the
-//! caches hold the tree it only costs. Every ray takes the steps that it takes alone ([`super::kernel`]), so
-//! answers are equal bit for bit.
+//! memory overlaps (Kocberber, Falsafi and Grot, "Asynchronous Memory Access Chaining", 2015). Every ray
+//! takes the steps that it takes alone ([`super::kernel`]), so answers are equal bit for bit.
 
 #![allow(unsafe_op_in_unsafe_fn, reason = "each operation is unsafe for the one reason that `Lanes` states")]
 

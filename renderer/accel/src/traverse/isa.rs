@@ -1,5 +1,4 @@
-//! Instruction sets the kernels are compiled for, and a way to compile a caller's loops for them as well. The
-//! build script chooses them (`kernels_NAME`): all, or only that of the machine.
+//! Instruction sets that kernels, and callers' loops, are compiled for, as the build script chooses.
 
 use std::sync::OnceLock;
 

@@ -1,5 +1,4 @@
-//! Writes a clustered tree to memory at once: wide nodes and their leaves as they are met, each thread in
-//! slabs of its own, children in the order for shadow rays. For builds that have no time for a plan.
+//! Writes a clustered tree to memory at once, each thread in slabs of its own: for builds without a plan.
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 

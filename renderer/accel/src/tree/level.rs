@@ -1,5 +1,4 @@
-//! The upper level of two: a tree over placed objects. Its leaves hold one object each, because each object
-//! costs a walk of its own.
+//! The upper level of two: a tree over placed objects, one a leaf, because each costs a walk of its own.
 
 use std::sync::Arc;
 

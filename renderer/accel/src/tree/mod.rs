@@ -1,6 +1,5 @@
-//! The tunable tree: built by Embree's `rtcBuildBVH` or by a builder of our own, kept in our own layout, and
-//! walked by our own kernels. On the way it can be optimised, collapsed to wide nodes of least cost, and put
-//! into an order that caches like.
+//! The tunable tree: built by Embree's `rtcBuildBVH` or our own builder, optimised, collapsed to wide nodes
+//! of least cost, in our own layout, and walked by our own kernels.
 
 mod arena;
 mod binary;

@@ -1,6 +1,5 @@
-//! The tuning curve, after the paper's Figure 11: the time of each trial, the best so far, and the
-//! predictor's result without a search. All relative to the baseline, so that the two cameras can share one
-//! axis.
+//! The tuning curve, after the paper's Figure 11: each trial, the best so far, and the predictor's result.
+//! All relative to the baseline, so that the two cameras can share one axis.
 
 use treewright_figures::{Axis, Colour, Dot, Figure, Stroke};
 

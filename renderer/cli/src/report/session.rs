@@ -1,5 +1,4 @@
-//! The whole session: the time of rendering, search included, over that with the configuration where the
-//! search began. Below 1 the session has paid.
+//! The whole session: rendering with the search, over rendering with its start. Below 1 it has paid.
 
 use treewright_figures::{Axis, Colour, Figure, Stroke};
 

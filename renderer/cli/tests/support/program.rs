@@ -1,5 +1,4 @@
-//! Runs a program with scratch folders and checks its end. The test that uses this names it as `PROGRAM`; the
-//! laboratory's tests share the file.
+//! Runs a program with scratch folders and checks its end; the test that uses this names it as `PROGRAM`.
 
 use std::path::Path;
 use std::process::{Command, Output};

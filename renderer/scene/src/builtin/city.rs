@@ -1,5 +1,4 @@
-//! Blocks of towers in the evening sun: walls cut by deep windows, roofs with machinery, streets with lamps,
-//! trees and cars.
+//! Blocks of towers in the evening sun: deep windows, machinery on roofs, streets with cars and trees.
 
 use std::f32::consts::PI;
 

@@ -1,5 +1,4 @@
-//! A small courtyard: an arcade around a fountain, a tree, a few shiny things. Small enough for tests and
-//! trials, with a bit of everything.
+//! A small courtyard for tests and trials: an arcade around a fountain, a tree, a few shiny things.
 
 use std::f32::consts::{PI, TAU};
 

@@ -1,5 +1,4 @@
-//! A picture gallery: rows of framed pictures on wires, beaded mouldings, a balcony with thin balusters, a
-//! glazed roof on thin bars, and a wire sculpture. Most of its triangles are thin and lie at no right angle.
+//! A picture gallery: frames on wires, a balcony, a glazed roof on bars; most triangles are thin.
 
 use std::f32::consts::{PI, TAU};
 

@@ -1,5 +1,4 @@
-//! The common part of the generators of built-in scenes: the assembler that collects meshes, a seeded random
-//! number generator, and the counts that go with the level of detail.
+//! The common part of generators: the assembler, a seeded random number generator, counts by detail.
 
 use glam::{Vec3, Vec4};
 use rand::{RngExt as _, SeedableRng as _};

@@ -1,5 +1,4 @@
-//! Two scenes whose light is hard to find: a market at night under hundreds of lanterns, and a loft that the
-//! sky reaches through two windows and a lamp through a slit.
+//! Light that is hard to find: a night market under lanterns; a loft with two windows and a slit.
 
 use std::f32::consts::TAU;
 

@@ -1,5 +1,4 @@
-//! The city as an architect's model: all of it in one white, matt material under an overcast sky. Rendering
-//! leaves out all features that a scene does not need, and here those are nearly all.
+//! The city as an architect's model, white and matt under an overcast sky, which needs few features.
 
 use glam::Vec3;
 

@@ -1,6 +1,5 @@
-//! A bundle of long thin triangles in the shape of a cylinder that turns through the hall (paper section
-//! 4.3): half as long as the scene's diagonal, it crosses most of the geometry at most angles, which is the
-//! hard case for boxes aligned to axes.
+//! A turning bundle of long thin triangles (paper section 4.3): half as long as the scene's diagonal, at most
+//! angles the hard case for boxes aligned to axes.
 
 use super::generator::{Generator, LightAndPath, key};
 use super::{generator::Options, hall, palette::polished};

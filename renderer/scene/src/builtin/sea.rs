@@ -1,5 +1,4 @@
-//! Sailing boats on a heaving sea around a lighthouse: everything moves but the rock. The sea is one mesh
-//! that deforms in place, the boats are parts that go their way; a round of time ends where it began.
+//! Sailing boats on a heaving sea, one mesh that deforms in place, around a lighthouse; time is a circle.
 
 use std::f32::consts::{PI, TAU};
 

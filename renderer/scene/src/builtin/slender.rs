@@ -1,5 +1,4 @@
-//! Three scenes of long thin triangles at no right angle, whose boxes overlap where the triangles do not:
-//! hair in the wind, cables across a yard, and a scaffold before a wall.
+//! Long thin triangles at no right angle: hair in the wind, cables across a yard, and a scaffold.
 
 use std::f32::consts::TAU;
 

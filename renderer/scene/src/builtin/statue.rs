@@ -1,5 +1,4 @@
-//! A robed figure, one finely displaced surface of most of a million triangles, under a dome whose open eye
-//! lets the sun in.
+//! A robed figure, one finely displaced surface, under a dome whose open eye lets the sun in.
 
 use std::f32::consts::{PI, TAU};
 

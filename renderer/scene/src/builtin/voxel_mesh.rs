@@ -1,5 +1,4 @@
-//! Cubes on a grid and the surface between filled and empty ones, coplanar faces of one kind merged into
-//! rectangles (greedily, row by row, after Lysenko 2012).
+//! Cubes on a grid, and their surface, faces of one kind merged into rectangles (after Lysenko 2012).
 
 use glam::{IVec3, Vec3};
 use rayon::prelude::*;

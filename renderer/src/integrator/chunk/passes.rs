@@ -196,8 +196,7 @@ fn select(first: bool, a: LightSample, b: LightSample) -> LightSample {
     }
 }
 
-/// The shadow ray and its light: `value` is the surface's value times the cosine, `pdf` the density with
-/// which its own sampling draws the direction.
+/// The shadow ray and its light: `value` is value times cosine, `pdf` the surface's own density.
 #[inline(always)]
 fn shadow(columns: &mut Columns, lane: usize, surface: &Surface, light: &LightSample, value: Vec3, pdf: f32) {
     let Columns { arrivals, departures, lit, .. } = columns;

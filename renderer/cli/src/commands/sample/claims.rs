@@ -1,5 +1,4 @@
-//! The samples of a study that are complete, and those that other renderers are measuring: read from the
-//! service, trial by trial.
+//! The samples of a study that are complete, and those that other renderers are measuring, by trials.
 
 use std::collections::{BTreeMap, BTreeSet};
 
