@@ -10,17 +10,17 @@ fn loaded(document: &Value) -> Scene {
     load_bytes("a.glb", &glb(document, &triangle_document().1)).unwrap()
 }
 
-/// The triangle's document with changes, each a path and a value; the parents of a value have to be there.
-fn changed(changes: &[(&str, Value)]) -> Value {
+/// The triangle's document with changes by path, in the order of paths; the parents of each have to be there.
+fn changed(changes: &Value) -> Value {
     let (mut document, _) = triangle_document();
-    for (path, value) in changes {
+    for (path, value) in changes.as_object().unwrap() {
         let (parent, key) = path.rsplit_once('/').unwrap();
         document.pointer_mut(parent).unwrap()[key] = value.clone();
     }
     document
 }
 
-fn notes(changes: &[(&str, Value)]) -> String {
+fn notes(changes: &Value) -> String {
     loaded(&changed(changes)).notes.join("\n")
 }
 
@@ -45,7 +45,7 @@ fn without_a_scene_the_roots_are_shown() {
 #[test]
 fn scenes_may_be_empty_and_further_ones_are_told() {
     let with = |scenes: Value, scene: Value| {
-        let mut document = changed(&[("/scenes", scenes)]);
+        let mut document = changed(&json!({"/scenes": scenes}));
         document["scene"] = scene;
         document.as_object_mut().unwrap().retain(|_, value| !value.is_null());
         loaded(&document)
@@ -61,43 +61,36 @@ fn scenes_may_be_empty_and_further_ones_are_told() {
 #[test]
 fn textures_without_a_picture_are_left_out_and_told() {
     for extension in ["EXT_texture_webp", "KHR_texture_basisu", "MSFT_texture_dds"] {
-        let noted = notes(&[
-            (
-                "/textures",
-                json!([{"extensions": {extension: {"source": 0}}}, {"extensions": {extension: {"source": 0}}}]),
-            ),
-            ("/images", json!([{"uri": "a.webp"}])),
-            (
-                "/materials",
-                json!([{
+        let noted = notes(&json!({
+            "/textures": [{"extensions": {extension: {"source": 0}}}, {"extensions": {extension: {"source": 0}}}],
+            "/images": [{"uri": "a.webp"}],
+            "/materials": [{
                 "emissiveTexture": {"index": 0}, "normalTexture": {"index": 1},
-                "pbrMetallicRoughness": {"baseColorTexture": {"index": 1}, "metallicFactor": 0}}]),
-            ),
-            ("/meshes/0/primitives/0/material", json!(0)),
-            ("/extensionsUsed", json!([extension])),
-            ("/extensionsRequired", json!([extension])),
-        ]);
+                "pbrMetallicRoughness": {"baseColorTexture": {"index": 1}, "metallicFactor": 0}}],
+            "/meshes/0/primitives/0/material": 0,
+            "/extensionsUsed": [extension],
+            "/extensionsRequired": [extension]
+        }));
         assert!(noted.contains(&format!("Left out 2 textures with {extension} alone.")), "{noted}");
     }
-    let noted =
-        notes(&[("/textures", json!([{}])), ("/materials", json!([{"occlusionTexture": {"index": 0}}]))]);
+    let noted = notes(&json!({
+        "/textures": [{}],
+        "/materials": [{"occlusionTexture": {"index": 0}}]
+    }));
     assert!(noted.contains("Left out 1 textures with no picture alone."), "{noted}");
 }
 
 #[test]
 fn animations_skins_and_targets_are_told_and_never_refused() {
-    let noted = notes(&[
-        (
-            "/animations",
-            json!([{
+    let noted = notes(&json!({
+        "/animations": [{
             "channels": [{"sampler": 0, "target": {"path": "translation"}}, {"sampler": 0, "target": {"path": "pointer"}}],
-            "samplers": [{"input": 99, "output": 99}]}]),
-        ),
-        ("/skins", json!([{"joints": [0]}])),
-        ("/nodes/0/skin", json!(0)),
-        ("/meshes/0/weights", json!([1.0])),
-        ("/meshes/0/primitives/0/targets", json!([{"POSITION": 0}])),
-    ]);
+            "samplers": [{"input": 99, "output": 99}]}],
+        "/skins": [{"joints": [0]}],
+        "/nodes/0/skin": 0,
+        "/meshes/0/weights": [1.0],
+        "/meshes/0/primitives/0/targets": [{"POSITION": 0}]
+    }));
     for expected in [
         "Left out 2 channels of animations",
         "Ignored 1 animations",
@@ -127,22 +120,16 @@ fn accessors_without_a_view_hold_zeros() {
 #[test]
 fn what_is_not_honoured_is_told_once_with_its_count() {
     let unlit = json!({"extensions": {"KHR_materials_unlit": {}}});
-    let noted = notes(&[
-        (
-            "/materials",
-            json!([unlit, unlit, {"extensions": {"KHR_materials_clearcoat": {}, "KHR_materials_ior": {}}}]),
-        ),
-        ("/meshes/0/primitives/0/attributes/COLOR_0", json!(0)),
-        ("/samplers", json!([{"magFilter": 9728}, {"magFilter": 9729}])),
-        ("/nodes/0/extensions", json!({"EXT_new": {}})),
-        ("/extensionsRequired", json!(["EXT_new"])),
-        ("/nodes/0/extras", json!({"extensions": {"EXT_own": {}}})),
-        (
-            "/cameras",
-            json!([{"type": "orthographic", "orthographic": {"xmag": 1, "ymag": 1, "zfar": 9, "znear": 0.1}}]),
-        ),
-        ("/nodes/0/camera", json!(0)),
-    ]);
+    let noted = notes(&json!({
+        "/materials": [unlit, unlit, {"extensions": {"KHR_materials_clearcoat": {}, "KHR_materials_ior": {}}}],
+        "/meshes/0/primitives/0/attributes/COLOR_0": 0,
+        "/samplers": [{"magFilter": 9728}, {"magFilter": 9729}],
+        "/nodes/0/extensions": {"EXT_new": {}},
+        "/extensionsRequired": ["EXT_new"],
+        "/nodes/0/extras": {"extensions": {"EXT_own": {}}},
+        "/cameras": [{"type": "orthographic", "orthographic": {"xmag": 1, "ymag": 1, "zfar": 9, "znear": 0.1}}],
+        "/nodes/0/camera": 0
+    }));
     for expected in [
         "Ignored 2 uses of the extension KHR_materials_unlit.",
         "Ignored 1 uses of the extension KHR_materials_clearcoat.",
@@ -161,7 +148,10 @@ fn what_is_not_honoured_is_told_once_with_its_count() {
 fn materials_of_specular_and_gloss_are_dielectrics() {
     let other = json!({"diffuseFactor": [0.1, 0.2, 0.3, 1], "specularFactor": [0.04, 0.04, 0.04], "glossinessFactor": 0.75});
     let gloss = json!([{"extensions": {"KHR_materials_pbrSpecularGlossiness": other}}]);
-    let scene = loaded(&changed(&[("/materials", gloss), ("/meshes/0/primitives/0/material", json!(0))]));
+    let scene = loaded(&changed(&json!({
+        "/materials": gloss,
+        "/meshes/0/primitives/0/material": 0
+    })));
     let found = material(&scene);
     assert_eq!((found.base_color, found.metallic, found.roughness), (Vec3::new(0.1, 0.2, 0.3), 0.0, 0.25));
     told(&scene, "Took 1 materials of specular and gloss");
@@ -208,26 +198,20 @@ fn copies_of_a_mesh_stand_where_they_are_put() {
 
 #[test]
 fn punctual_lights_are_what_they_are_in_the_file() {
-    let scene = loaded(&changed(&[
-        (
-            "/extensions",
-            json!({"KHR_lights_punctual": {"lights": [
+    let scene = loaded(&changed(&json!({
+        "/extensions": {"KHR_lights_punctual": {"lights": [
             {"type": "directional", "intensity": 2, "color": [1, 0, 0]}, {"type": "directional", "color": [0, 1, 0]},
             {"type": "point", "intensity": 40, "range": 9},
             {"type": "spot", "intensity": 100, "spot": {"innerConeAngle": 0.2, "outerConeAngle": 0.3}},
-            {"type": "spot"}, {"type": "point", "intensity": 0}]}}),
-        ),
-        (
-            "/nodes",
-            json!([{"mesh": 0, "children": [1, 2, 3, 4, 5, 6], "scale": [3, 3, 3]},
+            {"type": "spot"}, {"type": "point", "intensity": 0}]}},
+        "/nodes": [{"mesh": 0, "children": [1, 2, 3, 4, 5, 6], "scale": [3, 3, 3]},
             {"extensions": {"KHR_lights_punctual": {"light": 0}}},
             {"extensions": {"KHR_lights_punctual": {"light": 1}}},
             {"translation": [0, 1, 0], "extensions": {"KHR_lights_punctual": {"light": 2}}},
             {"translation": [0, 2, 0], "extensions": {"KHR_lights_punctual": {"light": 3}}},
             {"extensions": {"KHR_lights_punctual": {"light": 4}}},
-            {"extensions": {"KHR_lights_punctual": {"light": 5}}}]),
-        ),
-    ]));
+            {"extensions": {"KHR_lights_punctual": {"light": 5}}}]
+    })));
     let position = Vec3::Y * 6.0;
     let cone = Some(Cone::new(Vec3::NEG_Z, 0.2, 0.3));
     let range = f32::INFINITY;
@@ -247,10 +231,10 @@ fn punctual_lights_are_what_they_are_in_the_file() {
 #[test]
 fn angles_of_view_are_kept_or_told() {
     let camera = |yfov: f64| {
-        loaded(&changed(&[
-            ("/cameras", json!([{"type": "perspective", "perspective": {"yfov": yfov, "znear": 0.1}}])),
-            ("/nodes", json!([{"mesh": 0, "children": [1]}, {"camera": 0}])),
-        ]))
+        loaded(&changed(&json!({
+            "/cameras": [{"type": "perspective", "perspective": {"yfov": yfov, "znear": 0.1}}],
+            "/nodes": [{"mesh": 0, "children": [1]}, {"camera": 0}]
+        })))
     };
     for degrees in [0.02_f64, 0.5, 1.0, 169.0] {
         let scene = camera(degrees.to_radians());
@@ -314,11 +298,11 @@ fn lights_beyond_the_limit_are_told() {
     let light = json!({"extensions": {"KHR_lights_punctual": {"light": 0}}});
     let mut nodes = vec![light; PUNCTUAL_LIGHTS_MAX + 3];
     nodes.push(json!({"mesh": 0, "children": (0..nodes.len()).collect::<Vec<_>>()}));
-    let scene = loaded(&changed(&[
-        ("/extensions", json!({"KHR_lights_punctual": {"lights": [{"type": "point"}]}})),
-        ("/scenes", json!([{"nodes": [nodes.len() - 1]}])),
-        ("/nodes", json!(nodes)),
-    ]));
+    let scene = loaded(&changed(&json!({
+        "/extensions": {"KHR_lights_punctual": {"lights": [{"type": "point"}]}},
+        "/scenes": [{"nodes": [nodes.len() - 1]}],
+        "/nodes": nodes
+    })));
     assert_eq!(scene.lights.len(), PUNCTUAL_LIGHTS_MAX);
     told(&scene, "Took the first 65536 of 65539 lights.");
 }
@@ -326,14 +310,11 @@ fn lights_beyond_the_limit_are_told() {
 #[test]
 fn a_file_on_another_axis_is_turned_as_a_whole() {
     let document = |nodes: Value| {
-        changed(&[
-            (
-                "/extensions",
-                json!({"KHR_lights_punctual": {"lights": [{"type": "spot"}, {"type": "directional"}]}}),
-            ),
-            ("/cameras", json!([{"type": "perspective", "perspective": {"yfov": 0.5, "znear": 0.1}}])),
-            ("/nodes", nodes),
-        ])
+        changed(&json!({
+            "/extensions": {"KHR_lights_punctual": {"lights": [{"type": "spot"}, {"type": "directional"}]}},
+            "/cameras": [{"type": "perspective", "perspective": {"yfov": 0.5, "znear": 0.1}}],
+            "/nodes": nodes
+        }))
     };
     let nodes = json!([{"mesh": 0, "children": [1, 2, 3]}, {"camera": 0, "translation": [1, 2, 3]},
         {"extensions": {"KHR_lights_punctual": {"light": 0}}, "translation": [4, 5, 6]},
@@ -355,16 +336,12 @@ fn a_file_on_another_axis_is_turned_as_a_whole() {
 
 #[test]
 fn elements_that_overlap_are_error_of() {
-    let message =
-        error_of("close.glb", &glb(&changed(&[("/bufferViews/0/byteStride", json!(11))]), &[0; 64]));
+    let message = error_of("close.glb", &glb(&changed(&json!({"/bufferViews/0/byteStride": 11})), &[0; 64]));
     assert!(message.contains("accessor 0 has elements that lie closer together"), "{message}");
-    let mut document = changed(&[
-        (
-            "/accessors/0/sparse",
-            json!({"count": 1, "indices": {"bufferView": 2, "componentType": 5123}, "values": {"bufferView": 3}}),
-        ),
-        ("/buffers/0/byteLength", json!(64)),
-    ]);
+    let mut document = changed(&json!({
+        "/accessors/0/sparse": {"count": 1, "indices": {"bufferView": 2, "componentType": 5123}, "values": {"bufferView": 3}},
+        "/buffers/0/byteLength": 64
+    }));
     document["bufferViews"].as_array_mut().unwrap().extend([
         json!({"buffer": 0, "byteOffset": 42, "byteLength": 2}),
         json!({"buffer": 0, "byteOffset": 44, "byteLength": 12, "byteStride": 4}),
@@ -390,19 +367,21 @@ fn a_corner_that_there_is_not_is_refused_beside_normals_without_length() {
 #[test]
 fn refusals_name_what_is_missing() {
     for extension in ["KHR_draco_mesh_compression", "EXT_meshopt_compression"] {
-        let document = changed(&[
-            ("/extensionsRequired", json!([extension])),
-            ("/accessors", json!([{"componentType": 5126, "count": 3, "type": "VEC3"}])),
-        ]);
+        let document = changed(&json!({
+            "/extensionsRequired": [extension],
+            "/accessors": [{"componentType": 5126, "count": 3, "type": "VEC3"}]
+        }));
         let message = error_of("packed.glb", &glb(&document, &[]));
         assert!(message.contains(extension) && message.contains("without mesh compression"), "{message}");
     }
-    let document =
-        changed(&[("/accessors/0/componentType", json!(5120)), ("/accessors/0/normalized", json!(true))]);
+    let document = changed(&json!({
+        "/accessors/0/componentType": 5120,
+        "/accessors/0/normalized": true
+    }));
     let message = error_of("quantised.glb", &glb(&document, &[0; 64]));
     assert!(message.contains("KHR_mesh_quantization is not read"), "{message}");
     let with = |uri: &str| {
-        let document = changed(&[("/buffers", json!([{"byteLength": 42, "uri": uri}]))]);
+        let document = changed(&json!({"/buffers": [{"byteLength": 42, "uri": uri}]}));
         error_of("a.gltf", document.to_string().as_bytes())
     };
     let message = with("gone.bin");
@@ -418,7 +397,7 @@ fn refusals_name_what_is_missing() {
     let mut binary = glb(&triangle_document().0, &triangle_document().1);
     binary[4] = 1;
     assert!(error_of("old.glb", &binary).contains("version 1 of glTF"));
-    let newer = changed(&[("/asset", json!({"version": "2.1", "minVersion": "2.1"}))]);
+    let newer = changed(&json!({"/asset": {"version": "2.1", "minVersion": "2.1"}}));
     assert!(error_of("new.glb", &glb(&newer, &[])).contains("version 2.1 of glTF"));
     assert!(error_of("none.gltf", b"{\"asset\": {}}").contains("does not say its version"));
     assert!(error_of("list.gltf", b"[1]").contains("is no object"));
@@ -433,7 +412,7 @@ fn names_with_backslashes_spaces_and_marks_are_found() {
         std::fs::write(folder.path().join(name), &data).unwrap();
     }
     for uri in ["data\\a b.bin", "data/a%20b.bin", "data/a b.bin", "100%.bin"] {
-        let document = changed(&[("/buffers", json!([{"byteLength": 42, "uri": uri}]))]);
+        let document = changed(&json!({"/buffers": [{"byteLength": 42, "uri": uri}]}));
         let path = folder.path().join("a.gltf");
         std::fs::write(&path, format!("\u{feff}{document}")).unwrap();
         assert_eq!(super::load(&path).map(|scene| scene.triangles.len()).ok(), Some(1), "{uri}");
