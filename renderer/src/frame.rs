@@ -14,7 +14,7 @@ use treewright_accel::{
 
 use crate::bias::{Bias, Squares};
 use crate::film::{Film, Picture};
-use crate::integrator::{Counts, Learnt, Needs, Prepared, View, learn, render_sample_until};
+use crate::integrator::{Counts, Learnt, Needs, Prepared, View, learn, render_sample};
 use crate::light_sampling::{LearningTimes, LightSampling};
 use crate::noise::{FrameNoise, HALF_SAMPLES, WEIGHT_SAMPLES, Weights};
 use crate::scheduling::{RunQueueDelay, ThreadTimes, of_process, thread_cpu_ms, undelayed_ms};
@@ -520,7 +520,7 @@ impl Visitor for Sample<'_> {
 
     fn visit<I: Intersector>(self, intersector: &I) -> Self::Output {
         let Self { prepared, view, options, needs, film, until } = self;
-        render_sample_until(prepared, intersector, view, options, needs, film, until)
+        render_sample(prepared, intersector, view, options, needs, film, until)
     }
 }
 

@@ -25,7 +25,7 @@ pub fn record<I: Intersector>(
     let log = Log { sets, depth: 0, last: Vec3::ZERO, last_shadow: Vec3::ZERO };
     let recorder = Recorder { intersector, eye: view.camera.position, log: Mutex::new(log) };
     // Path by path: the class of a query follows from its order.
-    render_sample(prepared, &recorder, view, &RenderOptions::default(), prepared.needs, film);
+    render_sample(prepared, &recorder, view, &RenderOptions::default(), prepared.needs, film, None);
     let log = recorder.log.into_inner().unwrap_or_else(PoisonError::into_inner);
     let sets = log.sets.into_iter().filter(|set| !set.rays.is_empty()).collect();
     Recording { triangles: prepared.scene.triangles.clone(), sets }
@@ -116,9 +116,10 @@ mod tests {
         let device = Device::open(0).expect("Embree is set up");
         let native = build(&device, &scene.triangles, &choice).expect("it builds");
         let recording = pool.install(|| record(&prepared, &native, &view, &mut film));
-        let counts = pool.install(|| {
-            render_sample(&prepared, &native, &view, &RenderOptions::default(), prepared.needs, &mut plain)
-        });
+        let options = RenderOptions::default();
+        let rendered =
+            || render_sample(&prepared, &native, &view, &options, prepared.needs, &mut plain, None);
+        let (counts, _) = pool.install(rendered);
         assert_eq!(film.picture(), plain.picture(), "being watched changes nothing");
 
         let count =

@@ -51,7 +51,7 @@ pub use lights::Lights;
 pub use needs::{Needs, Omission};
 pub(crate) use pilot::learn;
 pub use prepared::Prepared;
-pub use render::{render_sample, render_sample_until};
+pub use render::render_sample;
 pub(crate) use sky_guide::Learnt;
 
 use crate::scene::Camera;

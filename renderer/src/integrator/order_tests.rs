@@ -31,7 +31,8 @@ impl Visitor for Render<'_> {
         let view = View { camera: self.prepared.scene.cameras[0], seed: 3, bounces: self.bounces };
         let mut counts = Counts::default();
         for _ in 0..2 {
-            counts += render_sample(self.prepared, intersector, &view, &self.options, self.needs, &mut film);
+            let (options, needs) = (&self.options, self.needs);
+            counts += render_sample(self.prepared, intersector, &view, options, needs, &mut film, None).0;
         }
         (film.picture(), counts)
     }

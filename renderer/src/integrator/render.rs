@@ -15,28 +15,15 @@ thread_local! {
     static BUFFERS: RefCell<Buffers> = RefCell::default();
 }
 
-/// Adds one sample to each pixel of the film. Runs on the rayon pool it is called in; the film's number of
-/// samples is the number of this one. `needs` are those of the scene, or more, which changes no picture.
+/// Adds one sample to each pixel of the film, numbered as the film's next, on the rayon pool it is called in.
+/// `needs` are those of the scene, or more, which changes no picture.
+///
+/// No tile begins after `until`. Returns whether there was time for all tiles; a film that lacks some is of no
+/// use until it is cleared.
 ///
 /// # Panics
 /// If `needs` do not cover those of the scene.
 pub fn render_sample<I: Intersector>(
-    prepared: &Prepared,
-    intersector: &I,
-    view: &View,
-    options: &RenderOptions,
-    needs: Needs,
-    film: &mut Film,
-) -> Counts {
-    render_sample_until(prepared, intersector, view, options, needs, film, None).0
-}
-
-/// Renders a sample, but begins no tile after `until`. Returns whether there was time for all tiles. If not,
-/// the film holds a part of a sample and is of no use until it is cleared.
-///
-/// # Panics
-/// If `needs` do not cover those of the scene.
-pub fn render_sample_until<I: Intersector>(
     prepared: &Prepared,
     intersector: &I,
     view: &View,

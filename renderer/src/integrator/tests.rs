@@ -90,7 +90,7 @@ pub(super) fn traced(
     let (brute_force, options) = (BruteForce::new(&scene.triangles), RenderOptions::default());
     let (mut film, mut counts) = (Film::new(width, height), Counts::default());
     for _ in 0..samples {
-        counts += render_sample(&prepared, &brute_force, view, &options, prepared.needs, &mut film);
+        counts += render_sample(&prepared, &brute_force, view, &options, prepared.needs, &mut film, None).0;
     }
     (film.picture(), counts)
 }
