@@ -14,16 +14,12 @@ use crate::{film::Picture, integrator::sampling::luminance};
 
 /// Most squares across and down.
 const SQUARES_MAX: [u32; 2] = [8, 6];
-
 /// Fewest pixels of a square along either side where there is more than one: means of few are too skewed.
 const EDGE_MIN: u32 = 16;
-
 /// Standard errors beyond which a mean is off.
 const BOUND: f64 = 5.0;
-
 /// Relative differences up to this pass.
 const TOLERANCE: f64 = 0.01;
-
 /// Errors are relative to brightness; darkness below this share of the picture's mean counts as that.
 pub(crate) const FLOOR: f64 = 0.1;
 

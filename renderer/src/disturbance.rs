@@ -12,10 +12,8 @@ use crate::statistics::Summary;
 
 /// Others may use this much of a processor beside the render threads without being called a disturbance.
 const TOLERATED_CORES: f64 = 0.25;
-
 /// The middle half of the times of one frame may span this factor.
 const TOLERATED_SPREAD: f64 = 1.2;
-
 /// Ticks that a system counts a second; on Linux the unit of both files that are read here.
 const TICKS_PER_S: f64 = 100.0;
 

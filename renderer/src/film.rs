@@ -7,7 +7,6 @@ use super::integrator::sampling::luminance;
 
 /// Edge of a block in pixels: the largest tile.
 const BLOCK: u32 = 32;
-
 const BLOCK_PIXELS: usize = (BLOCK * BLOCK) as usize;
 
 /// Accumulated samples, in blocks of 32 × 32 along Morton's curve: every square tile is one run of memory for

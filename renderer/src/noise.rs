@@ -7,7 +7,6 @@ use crate::{film::Picture, integrator::sampling::luminance};
 
 /// The share of pixels of the largest error that is left out: a few dots would otherwise decide.
 const TRIMMED: f64 = 1e-3;
-
 /// Edge of the squares over which brightness is averaged for the weights, in pixels.
 const BLOCK: u32 = 8;
 
@@ -94,10 +93,8 @@ impl Noise {
 
 /// Samples of each half where noise is measured.
 pub const HALF_SAMPLES: u32 = 4;
-
 /// Samples of the picture whose brightness errors are relative to, in two halves.
 pub(crate) const WEIGHT_SAMPLES: u32 = 16;
-
 /// The relative variance that counts as arrived: errors of a tenth.
 pub const TARGET_VARIANCE: f64 = 0.01;
 

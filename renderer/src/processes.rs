@@ -11,7 +11,6 @@ use crate::statistics::{Ratio, Summary};
 
 /// Standard deviation of a normal distribution over its median absolute deviation.
 const MAD_TO_DEVIATION: f64 = 1.4826;
-
 /// Half the width of an interval of 95 % in standard deviations.
 const HALF_WIDTH: f64 = 1.96;
 

@@ -36,11 +36,9 @@ const OUTSET: Mat3 = Mat3::from_cols(
 /// The stops that the curve covers: 10 below and 6.5 above middle grey, as binary logarithms.
 const DARKEST: f32 = -12.473_93;
 const BRIGHTEST: f32 = 4.026_069;
-
 /// The look: an exponent on what comes out of the curve, and how far it then goes away from grey.
 const LOOK_POWER: f32 = 1.35;
 const LOOK_SATURATION: f32 = 1.4;
-
 /// Radiance is multiplied by this, so that with the look middle grey is shown as middle grey.
 const LOOK_GAIN: f32 = 1.43;
 

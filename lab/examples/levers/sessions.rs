@@ -64,7 +64,6 @@ const QUICK: usize = 0;
 const MIDDLE: usize = 1;
 /// The documentation's choice up to this number of frames is the quick structure.
 const QUICK_UP_TO: u32 = 4;
-
 /// Measurements of one configuration in a scene before they serve again.
 const MEASURED_MOST: usize = 3;
 /// Configurations in a row that cannot be built before a session is given up.

@@ -15,10 +15,8 @@ use crate::evaluation::record::{GroupKind, Line, OpenRecord, Pair, PartSearch, P
 
 /// Needles of the cylinder, two triangles each: as many as in the built-in scene of that name.
 const NEEDLES: usize = 3_000;
-
 /// The camera of a path from which everything here is seen: the first.
 const CAMERA: u32 = 0;
-
 /// The objective of the searches over a few parameters.
 const OBJECTIVE: Objective = Objective::Render;
 

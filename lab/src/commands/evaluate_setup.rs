@@ -16,9 +16,7 @@ use crate::{evaluation::measure::best_within, leave_scene_out::suite::Entry};
 
 /// Scenes of this program that stand in for those of the paper that cannot be had, in about their sizes.
 const BUILT_IN: [&str; 2] = ["gallery=builtin:gallery:1:7", "voxels=builtin:voxels:0.6:7"];
-
 const BOUNCES: u32 = 3;
-
 const SEED: u64 = 1;
 
 /// Where the record is, and under which conditions it is made.

@@ -33,7 +33,6 @@ const BUILT_IN: [&str; 6] = [
 const FRAMES: u32 = 24;
 /// Trials in an unseen scene before the answer is frozen.
 const FIRST_FRAMES: u32 = 8;
-
 /// The environment's name for the instruction set that a process is kept to.
 const ISA: &str = "TREEWRIGHT_ISA";
 

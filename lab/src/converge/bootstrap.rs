@@ -12,7 +12,6 @@ use statrs::distribution::{ContinuousCDF, Normal, StudentsT};
 use treewright_renderer::statistics::quantile;
 
 const RESAMPLES: usize = 4000;
-
 /// Intervals hold the truth with about this probability.
 pub const CONFIDENCE: f64 = 0.95;
 

@@ -13,7 +13,6 @@ use treewright_renderer::tuning::who::{NATIVE_DEFAULT, Who};
 
 /// After how many samples of the baseline its error is asked for, besides the error that all reach at last.
 const SAMPLES: [u32; 3] = [1, 8, 64];
-
 /// Whom all others are compared with.
 pub const BASELINES: [Who; 2] = [NATIVE_DEFAULT, Who::PaperDefault];
 

@@ -29,19 +29,14 @@ use super::record::{Place, Search, cost};
 
 /// The entrant that is taught the last iteration of each search alone.
 pub(crate) const RBF_LAST: &str = "rbf_greedy_gq, last iteration";
-
 /// The entrant that is taught everything, and chooses among the last iterations.
 pub(crate) const RBF_AMONG_LAST: &str = "rbf_greedy_gq, among last iterations";
-
 /// The entrant that is taught everything, and chooses among all that could be run.
 pub(crate) const RBF_AMONG_ALL: &str = "rbf_greedy_gq, among all tried";
-
 /// The entrant that is the service with its default policy.
 pub(crate) const SERVICE: &str = "service";
-
 /// Of whatever predictors draw at random.
 const SEED: u64 = 1;
-
 /// The name of the one cost in what predictors are taught.
 const COST: &str = "cost";
 

@@ -19,7 +19,6 @@ use crate::json_lines::{self, wrong};
 
 /// Version of the form.
 pub(crate) const VERSION: u32 = 3;
-
 /// The searches' method: the paper's, after Chang.
 pub(crate) const METHOD: SearchMethod = SearchMethod::NelderMead;
 

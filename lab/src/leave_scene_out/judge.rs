@@ -17,7 +17,6 @@ pub(crate) const CANDIDATES: &str = "candidates";
 pub(crate) const FINAL: &str = "final";
 pub(crate) const ALONE: &str = "alone";
 pub(crate) const LEFT_OUT: &str = "left-out";
-
 /// The best fixed configuration of the other scenes in final rounds.
 pub(crate) const FIXED_OF_OTHERS: Who = Who::Named(Cow::Borrowed("best fixed of the other scenes"));
 

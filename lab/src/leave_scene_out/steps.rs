@@ -22,9 +22,7 @@ use super::{daemon::Daemon, hand, suite::Context};
 
 /// Numbers of reported trials after which the service is asked for the best.
 pub(crate) const CHECKPOINTS: [u32; 5] = [1, 8, 16, 32, 60];
-
 pub(crate) const DEADLINE: Duration = Duration::from_secs(10);
-
 const SEED: u64 = 1;
 const BOUNCES: u32 = 3;
 

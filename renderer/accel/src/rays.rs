@@ -59,12 +59,9 @@ impl Hit {
 
 /// A number no triangle has.
 pub(crate) const NO_TRIANGLE: u32 = u32::MAX;
-
 /// Marks the number of a triangle with a mask, in the leaves of a tree.
 pub(crate) const CARD: u32 = 1 << 31;
-
 const _: () = assert!(TRIANGLES_MAX <= CARD as usize);
-
 /// The value of [`Hit::instance`] in a scene without instances.
 pub const NO_INSTANCE: u32 = u32::MAX;
 

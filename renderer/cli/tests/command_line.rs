@@ -13,10 +13,8 @@ use treewright_renderer::space::Choice;
 use program::{FAILED, USAGE, fails, folder, succeeds};
 
 const PROGRAM: &str = env!("CARGO_BIN_EXE_treewright-render");
-
 /// The exit code where no daemon answers.
 const UNREACHABLE: i32 = 3;
-
 const SMALL: &str = "image --scene builtin:quick --detail 0.1 --size 24x16 --spp 2";
 
 #[test]

@@ -12,10 +12,8 @@ use super::{Material, Mesh, Scene, SceneError, bounds::Bounds, part::Part, place
 
 /// Radius of the cylinder in shares of its length.
 const SLENDER: f32 = 0.07;
-
 /// Lean of its axis, in radians.
 const LEAN: f32 = 0.18;
-
 /// Seed of a cylinder that joins a given scene: its needles are equal at every angle.
 const SEED: u64 = 1;
 

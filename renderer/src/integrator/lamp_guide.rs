@@ -15,25 +15,19 @@ use crate::limits::{LAMP_CELLS_MAX, LAMP_GROUPS_PER_CELL_MAX};
 
 /// Places of a cell from which its lamps are tried.
 const PROBES: usize = 8;
-
 /// Places that a cell of its own needs, and the share of all places that must be in such cells.
 const PLACES_MIN: usize = 4;
 const COVERED_MIN: f32 = 0.9;
-
 /// The grid is made finer by the factor `FINER`, at most `REFINEMENTS` times.
 const FINER: f32 = 1.4;
 const REFINEMENTS: u32 = 12;
-
 /// Where the eye is in a grid, in cells: more than a grid of any fineness has to either side.
 const CENTRE: f32 = 1024.0;
-
 /// Places nearer to the eye than this share of the distance of the farthest have cells of one width.
 const NEAREST: f32 = 1e-3;
-
 /// Least and greatest share of draws by power alone.
 const PLAIN_MIN: f32 = 0.2;
 const PLAIN_MAX: f32 = 0.8;
-
 /// Greatest factor on the weight of sampled lamps.
 const GAIN_MAX: f32 = 64.0;
 

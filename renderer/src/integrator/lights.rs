@@ -69,7 +69,6 @@ pub(super) fn mean_emission(scene: &Scene, material: &Material) -> Vec3 {
 
 /// Number of triangles from which on candidates are drawn.
 const FEW_LAMPS: usize = 3;
-
 /// Steps from candidate to candidate on a triangle, which fill it evenly (Roberts, The Unreasonable
 /// Effectiveness of Quasirandom Sequences, 2018).
 const SHIFTS: [f32; 2] = [0.754_877_7, 0.569_840_3];

@@ -47,13 +47,11 @@ pub struct Omission {
 impl Needs {
     /// Everything: the kernel that renders any scene.
     pub const ALL: Self = Self::from_bits((1 << 12) - 1);
-
     /// The needs of which each set has a kernel where there are no others: the first six.
     const COMMON: usize = 63;
     /// The needs of which each set has a kernel that can do all of the common ones: the next five.
     const RARE: usize = 31;
     const COMMON_COUNT: usize = 6;
-
     /// Number of sets that have kernels.
     pub(super) const SETS: usize = Self::COMMON + 1 + Self::RARE;
 

@@ -18,10 +18,8 @@ use crate::light_sampling::LearningTimes;
 
 /// Most pixels of a pilot's frame along either side.
 const EDGE_MAX: u32 = 160;
-
 /// Samples of each of its pixels.
 const SAMPLES: u32 = 16;
-
 const TILE: u32 = 16;
 
 /// The findings of pilot frames.

@@ -3,16 +3,12 @@
 
 /// The camera's: the point of the pixel.
 pub(super) const CAMERA: u32 = 0;
-
 /// Places of a vertex: which light, the point on it, the choice of a lobe, and its direction.
 pub(super) const PER_VERTEX: u32 = 4;
-
 /// Beyond all vertices.
 const SOLIDS: u32 = 1 << 24;
-
 /// Beyond all vertices and solids.
 const ROULETTE: u32 = 1 << 25;
-
 /// Beyond all of those.
 const LAST_RAYS: u32 = 1 << 26;
 

@@ -14,10 +14,8 @@ use crate::scene::{Arrival, Punctual, Scene};
 
 /// Most lights that are all looked at, and how many candidates are drawn of more.
 const CANDIDATES: usize = 8;
-
 /// Parts of the probability that few lights share. At least twice as many as lights.
 const SHARES: u32 = 16;
-
 /// The density of a direction without width: so high that any other weight vanishes; a power of two.
 const NO_WIDTH: f32 = (1_u64 << 40) as f32;
 

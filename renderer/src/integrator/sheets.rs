@@ -10,10 +10,8 @@ use crate::scene::{Bounds, Mesh, Scene};
 
 /// Most boxes. More tests would cost as much as the query they spare.
 const BOXES_MAX: usize = 12;
-
 /// Boxes are wider by this share of their largest coordinate, for the rounding of tests and rays.
 const MARGIN: f32 = 1e-5;
-
 /// Directions are taken to be at least this slanted.
 const TINY: f32 = 1e-20;
 

@@ -18,23 +18,17 @@ use crate::light_sampling::LearningTimes;
 const AROUND: usize = 32;
 const HEIGHTS: usize = 16;
 const BINS: usize = AROUND * HEIGHTS;
-
 /// Density of a direction that is drawn evenly within its bin.
 const BIN_DENSITY: f32 = BINS as f32 / (4.0 * PI);
-
 /// Most cells, and the records that each has in the mean where there are fewer.
 const CELLS_MAX: f32 = 512.0;
 const RECORDS_PER_CELL: f32 = 128.0;
-
 /// Records that a cell of its own needs.
 const RECORDS_MIN: usize = 32;
-
 /// Share of a cell's distribution that is that of all cells together.
 const COMMON_SHARE: f64 = 0.1;
-
 /// Share of a bin's light that its eight neighbours get together.
 const SPREAD: f64 = 0.4;
-
 /// Least share of shadow rays of a kind of light that there is.
 const SHARE_MIN: f32 = 0.06;
 

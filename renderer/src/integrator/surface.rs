@@ -10,16 +10,12 @@ use treewright_accel::{Hit, Instance, Ray};
 /// Distance of a new ray's start from the surface, relative to the hit point's magnitude (Wächter and Binder,
 /// A Fast and Robust Method for Avoiding Self-Intersection, Ray Tracing Gems 2019, chapter 6).
 const OFFSET_OF_POSITION: f32 = 64.0 * f32::EPSILON;
-
 /// That offset relative to the triangle's longest edge: an intersection test loses this share of it.
 const OFFSET_OF_EDGE: f32 = 8.0 * f32::EPSILON;
-
 /// Scale of a normal's components as 16-bit integers: a direction good to 3e-5, which no picture shows.
 const NORMAL_SCALE: f32 = 32_767.0;
-
 /// Normals that differ from the triangle's own by less than this (chord length) are taken for equal.
 const FLAT_WITHIN: f32 = 1e-4;
-
 /// Marks a facet with interpolated normals.
 const SMOOTH: u32 = 1 << 31;
 

@@ -41,7 +41,6 @@ pub(super) struct Path {
 
 /// From the camera, or only perfect mirrors since: no other technique finds these lights.
 pub(super) const DIRECT: f32 = -1.0;
-
 /// A perfect mirror after a rough surface: [`DIRECT`] without the sun's disc, which leaves bright dots.
 const CAUSTIC: f32 = -2.0;
 
@@ -87,7 +86,6 @@ impl Tracing {
 
 /// Assumed width, in radians, of light that comes over a perfect mirror after a rough surface.
 const CAUSTIC_ANGLE: f32 = 0.1;
-
 /// The angle after a rough surface: this share of one over the density's root; also the greatest.
 const ROUGH_ANGLE: f32 = 0.25;
 

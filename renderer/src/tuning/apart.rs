@@ -13,13 +13,10 @@ use crate::{limits::TRIALS_APART_MAX, scheduling::ThreadTimes, space::Choice};
 
 /// Least frames of a configuration whose mean may stand for new ones.
 const KNOWN_LEAST: usize = 2;
-
 /// Least degrees of freedom of an estimate of noise.
 const DEGREES_LEAST: usize = 4;
-
 /// The error of the mean frame may add this share to the variance of the mean of the builds.
 const ERROR_SHARE_MAX: f64 = 0.25;
-
 /// A measurement that is off by more than this number of standard deviations contradicts what is known.
 const DEVIATIONS_MAX: f64 = 3.0;
 

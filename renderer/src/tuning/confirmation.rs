@@ -16,15 +16,12 @@ use crate::{film::Film, frame::Renderer};
 
 /// Rounds of the configurations that anybody would try; the race has more for those that do well in them.
 const ROUNDS: u32 = 2;
-
 /// Least room of a confirmation: five contenders in ten rounds and a few more.
 const TRIALS_LEAST: u32 = 60;
 /// Most trials of a confirmation: ten rounds of five, thirty of two, and as much again.
 const TRIALS_MAX: u32 = 220;
-
 /// Trials without the daemon's answer after which its verdict is given up.
 const UNANSWERED_MAX: u32 = 10;
-
 /// Longest time for the reports of a stage to reach the service.
 const FLUSH: Duration = Duration::from_secs(10);
 

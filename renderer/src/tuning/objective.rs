@@ -9,43 +9,30 @@ use crate::{frame::FrameTimes, noise::HALF_SAMPLES};
 
 /// Name of the measurement of a build, in milliseconds.
 pub const BUILD_MS: &str = "build_ms";
-
 /// Name of the measurement of a frame, in milliseconds.
 pub const RENDER_MS: &str = "render_ms";
-
 /// Name of the time to an error, in milliseconds: see [`Objective::Error`].
 pub const ERROR_MS: &str = "error_ms";
-
 /// Name of the picture's mean relative variance, from which the time to an error follows.
 pub const RELATIVE_VARIANCE: &str = "relative_variance";
-
 /// Name of how many times as long frames took in the second half of an episode as in its first.
 pub const TREND: &str = "trend";
-
 /// Name of the processor time of a build, of all threads together, in milliseconds.
 pub const BUILD_CPU_MS: &str = "build_cpu_ms";
-
 /// Name of the processor time of a frame, of all render threads together, in milliseconds.
 pub const RENDER_CPU_MS: &str = "render_cpu_ms";
-
 /// Name of the time that all threads together waited for a processor during a build, in milliseconds.
 pub const BUILD_DELAY_MS: &str = "build_delay_ms";
-
 /// Name of the time that the render threads together waited for a processor during a frame, in milliseconds.
 pub const RENDER_DELAY_MS: &str = "render_delay_ms";
-
 /// Name of the minimised milliseconds without waiting: it explains what other programs cost.
 pub const UNDELAYED_MS: &str = "undelayed_ms";
-
 /// Name of how many trials a structure had served before, where it was used again.
 pub const TRIALS_BEFORE: &str = "trials_before";
-
 /// Name of the structure's bytes, which no study declares: it does not explain other programs.
 pub const STRUCTURE_BYTES: &str = "structure_bytes";
-
 /// Number of frames that share a build in progressive rendering.
 const PROGRESSIVE_FRAMES_PER_BUILD: u32 = 1000;
-
 /// Seed of every random decision in these studies: a part of their definition, for all clients.
 const STUDY_SEED: u64 = 1;
 
@@ -133,7 +120,6 @@ impl Objective {
 
     /// The two of the paper, in the order in which they are listed.
     pub const ALL: [Self; 2] = [Self::Render, Self::Total];
-
     /// The objectives that can be asked for, in the order of lists.
     pub const KNOWN: [Self; 5] = [Self::Render, Self::Total, Self::Error, Self::Motion, Self::Auto(1)];
 

@@ -11,13 +11,10 @@
 /// The prior: one change in this number of frames.
 const PRIOR_FRAMES: f64 = 16.0;
 const PRIOR_CHANGES: f64 = 1.0;
-
 /// After a frame the evidence before it counts for this much: of a hundred frames ago a third is left.
 const MEMORY: f64 = 0.99;
-
 /// A still that nobody touches grows its tree's service by a frame at a time, to this.
 pub const FRAMES_PER_BUILD_MAX: u32 = 1024;
-
 /// The power of two in the state changes when the estimate is this far away, in powers of two.
 const HYSTERESIS: f64 = 0.75;
 

@@ -9,10 +9,8 @@ use crate::statistics::Summary;
 
 /// Frames that cost more than this many times the start are dear.
 pub const DEAR_ABOVE: f64 = 1.1;
-
 /// A session counts as safe once at most one in this number of frames was dear.
 const FRAMES_PER_DEAR: u64 = 20;
-
 /// Trials of the start that suffice for its cost during a search.
 const STARTS_LEAST: usize = 3;
 

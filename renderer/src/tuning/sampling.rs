@@ -13,7 +13,6 @@ use crate::space::TuningSpace;
 
 /// Name of the measurement that holds a sample's number.
 pub const SAMPLE: &str = "sample";
-
 /// Name of the measurement that holds the sequence's [identity](Sequence::identity).
 pub const SEQUENCE: &str = "sequence";
 

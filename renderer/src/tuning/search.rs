@@ -140,10 +140,8 @@ impl SearchOutcome {
 
 /// Frames of the baseline before the search, and again after it.
 const REFERENCE_FRAMES: usize = 3;
-
 /// Frames per build from which a structure is used again: a build is a sixteenth of the cost at most then.
 const REUSE_FROM_FRAMES_PER_BUILD: u32 = 16;
-
 /// Frames that follow a slow build may take this share of it.
 const FRAMES_SHARE_OF_BUILD: f64 = 0.1;
 

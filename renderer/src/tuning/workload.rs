@@ -19,14 +19,12 @@ pub const PIXELS: &str = "pixels";
 pub const BOUNCES: &str = "bounces";
 /// 1 where the scene has lights that shadow rays are sent to, else 0.
 pub const SHADOW_RAYS: &str = "shadow_rays";
-
 /// Share of triangles that move.
 pub const MOVING_SHARE: &str = "moving_share";
 /// Cost of a refitted tree after an episode over that of a fresh one.
 pub const COST_GROWTH: &str = "cost_growth";
 /// Frames of an episode.
 pub const EPISODE_FRAMES: &str = "episode_frames";
-
 /// Number of frames that share a build (see [`super::reuse`]).
 pub const FRAMES_PER_BUILD: &str = "frames_per_build";
 

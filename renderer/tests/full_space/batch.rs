@@ -15,16 +15,12 @@ use crate::scenes::Kind;
 
 /// Rays a scene: not a multiple of a packet's.
 const RAYS: u32 = 203;
-
 /// How structures follow what moves.
 const UPDATE: Update = Update::Partial { rebuild_threshold: 1.1 };
-
 /// Two distances agree up to this share of them.
 const DISTANCE_TOLERANCE: f32 = 1e-3;
-
 /// Most rays that may pass an edge on the other side.
 const EDGE_RAYS_MAX: usize = 3;
-
 /// A path that passes an edge on the other side changes a pixel of a small picture.
 const PICTURE_DIFFERENCE_MAX: f64 = 0.03;
 

@@ -11,7 +11,6 @@ use crate::contenders::{Built, Maker};
 
 /// Rays handed to a structure at once: the pixels of a tile of 16 × 16.
 const BATCH: usize = 256;
-
 /// Rounds in which a packing is chosen.
 const CHOOSING_ROUNDS: usize = 3;
 

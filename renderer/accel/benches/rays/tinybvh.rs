@@ -13,7 +13,6 @@ use treewright_accel::{Hit, Intersector, NO_INSTANCE, Packets, Ray, Triangles};
 
 /// Names the library.
 const LIBRARY: &str = "TREEWRIGHT_TINYBVH";
-
 /// Rays that are handed over at once, on the stack.
 const BATCH: usize = 256;
 

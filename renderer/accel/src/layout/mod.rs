@@ -25,16 +25,12 @@ use std::sync::Arc;
 use crate::{geometry::Triangles, limits::LEAF_SIZE_MAX, prefetch::prefetch_line};
 
 pub(crate) const WIDTH_MAX: usize = 16;
-
 /// Fewest triangles a block.
 const BLOCK_MIN: usize = 4;
-
 /// Most blocks a leaf; fits the count bits of a [`NodeRef`].
 pub(crate) const LEAF_BLOCKS_MAX: usize = (LEAF_SIZE_MAX as usize).div_ceil(BLOCK_MIN);
-
 /// Bytes of a cache line.
 const LINE: usize = 64;
-
 const COUNT_BITS: usize = 0b0_1111;
 const LEAF_BIT: usize = 0b1_0000;
 const TAG_BITS: usize = LEAF_BIT | COUNT_BITS;
@@ -55,7 +51,6 @@ pub(crate) struct NodeRef(*mut u8);
 impl NodeRef {
     /// A leaf of no blocks.
     pub(crate) const EMPTY: Self = Self(std::ptr::without_provenance_mut(LEAF_BIT));
-
     /// No leaf of any tree: what a walk finds at the bottom of its stack.
     pub(crate) const END: Self = Self(std::ptr::without_provenance_mut(LEAF_BIT | 1));
 

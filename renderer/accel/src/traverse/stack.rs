@@ -11,7 +11,6 @@ use crate::limits::MAX_DEPTH;
 
 /// Most entries: on each level all children but one. Builders keep within the permitted depth.
 const ENTRIES: usize = (*MAX_DEPTH.end() as usize + 1) * (WIDTH_MAX - 1) + 1;
-
 /// Vectors are written whole, with a node's worth of room behind the last entry.
 const ROOM: usize = ENTRIES + WIDTH_MAX;
 

@@ -7,7 +7,6 @@ use crate::error::BuildError;
 
 /// Cache lines: nodes start on one.
 const LINE: usize = 64;
-
 /// A huge page. Larger blocks start on one: with small pages most nodes miss the page table cache.
 const HUGE_PAGE: usize = 2 << 20;
 

@@ -4,13 +4,10 @@ use crate::{layout::Bounds, traverse::Isa};
 
 /// Clusters that are looked at together.
 pub(super) const LANES: usize = 16;
-
 /// Places behind the last cluster that are read: the largest radius, and a vector less one.
 const FREE_BEHIND: usize = 32 + LANES;
-
 /// Places of a stack of clusters at first; more are made where the curve is deep.
 const ROOM: usize = 256;
-
 /// Marks a link as a triangle.
 pub(super) const TRIANGLE: u32 = 1 << 31;
 

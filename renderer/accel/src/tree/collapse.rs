@@ -11,7 +11,6 @@ use crate::{layout::Bounds, parameters::TreeParameters};
 
 /// Fewest leaves of a subtree that is worth a task of its own.
 const LEAVES_PER_TASK: u32 = 4096;
-
 /// Levels on which tasks are split off; below them everything is done in a row.
 const TASK_LEVELS: u32 = 32;
 

@@ -12,12 +12,9 @@ use crate::{error::BuildError, geometry::Triangles, parameters::TreeParameters, 
 /// Bytes of a slab: as large as a huge page, or for small trees a share of their largest size.
 const SLAB: usize = 2 << 20;
 const SLAB_MIN: usize = 16 << 10;
-
 /// Bytes a triangle comes to, with its share of nodes.
 const BYTES_PER_TRIANGLE: usize = 96;
-
 const TASKS_PER_THREAD: u32 = 8;
-
 /// Fewest triangles that are worth a task of their own.
 const TRIANGLES_PER_TASK: u32 = 4_096;
 

@@ -12,23 +12,16 @@ use rayon::prelude::*;
 use crate::{geometry::Triangles, layout::Bounds, limits::TRIANGLES_MAX, memory::wish_for_huge_pages};
 
 const NUMBER_BITS: u32 = TRIANGLES_MAX.ilog2();
-
 /// Bits of the digit by which keys are parted.
 const DIGIT_BITS: u32 = 11;
-
 /// Bits of a code: a digit for each axis.
 const CODE_BITS: u32 = 3 * DIGIT_BITS;
-
 const DIGIT_VALUES: usize = 1 << DIGIT_BITS;
-
 const _: () = assert!(NUMBER_BITS + CODE_BITS <= u64::BITS && TRIANGLES_MAX.is_power_of_two());
-
 /// Fewer keys than this are sorted by comparison, more by counting digits.
 const COUNTED_MIN: usize = 1_024;
-
 /// Least number of keys that all threads part together.
 const SHARED_MIN: usize = 65_536;
-
 /// Fewest triangles that are worth a task of their own.
 const TRIANGLES_PER_TASK: usize = 8_192;
 

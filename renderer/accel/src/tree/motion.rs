@@ -21,10 +21,8 @@ use crate::{embree::Device, error::BuildError, geometry::Triangles, limits::MAX_
 
 /// A subtree has at most this share of the triangles.
 const SHARE: usize = 256;
-
 /// Subtrees so small are not cut further.
 const CUT_MIN: usize = 512;
-
 /// Passes in which new nodes above the subtrees are improved by moving branches.
 const PASSES_ABOVE: u32 = 2;
 

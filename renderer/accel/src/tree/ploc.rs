@@ -17,7 +17,6 @@ use crate::{geometry::Triangles, memory::wish_for_huge_pages, prefetch::prefetch
 
 /// Fewest triangles that are worth a task of their own.
 const TRIANGLES_PER_TASK: usize = 4_096;
-
 /// Triangles whose boxes are fetched ahead of their use: parts along the curve are anywhere in memory.
 const FETCHED_AHEAD: usize = 64;
 

@@ -11,15 +11,11 @@ use super::binary::{BinaryNode, BinaryTree, half_area};
 
 /// In the first passes one node of this number looks for a better place; four such nearly suffice.
 const EARLY_SHARE: usize = 32;
-
 const EARLY_PASSES: u32 = 4;
-
 /// In later passes one node of this number does.
 const LATE_SHARE: usize = 8;
-
 /// Fewest searches that are worth a task of their own.
 const SEARCHES_PER_TASK: usize = 256;
-
 /// Most nodes that a search looks below: where everything overlaps, passes would be quadratic.
 const LOOKED_BELOW_MAX: usize = 1024;
 

@@ -19,11 +19,9 @@ use treewright_renderer::{disturbance::Watch, frame::Renderer, space::Choice, tu
 
 /// The name of the hidden command.
 const COMMAND: &str = "rounds";
-
 /// Fewest rounds that have an interval, and the time after which no further ones begin.
 const ROUNDS_LEAST: u32 = 6;
 const ROUNDS_TIME: Duration = Duration::from_secs(120);
-
 /// Longest time until Ctrl-C is noticed while the second process runs.
 const POLL: Duration = Duration::from_millis(100);
 /// Longest wait for its end once it is not wanted any more.

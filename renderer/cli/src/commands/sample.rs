@@ -37,7 +37,6 @@ use treewright_scene::{camera_path::CameraPath, indicators::SceneIndicators};
 const PAUSE: Duration = Duration::from_millis(500);
 /// Interval of lines of progress where no bar is shown.
 const TELL_EVERY: Duration = Duration::from_secs(30);
-
 /// Of the drawn configurations.
 const SAMPLE_SEED: u64 = 1;
 

@@ -27,7 +27,6 @@ use treewright_scene::{Scene, camera_path::CameraPath, indicators::SceneIndicato
 
 /// Place on the camera path of the fresh camera for which the predictor is asked.
 const FRESH_STEP: f32 = 0.2;
-
 /// Longest time for the last reports to reach the service.
 const FLUSH: Duration = Duration::from_secs(10);
 

@@ -12,7 +12,6 @@ use crate::{SceneError, Sky};
 
 /// Half the market's width, metres.
 const MARKET: f32 = 30.0;
-
 /// The loft: half width, height, half depth.
 const LOFT: Vec3 = Vec3::new(4.0, 3.2, 5.0);
 

@@ -16,14 +16,12 @@ const HEAD: Vec3 = Vec3::new(0.0, 3.0, 0.0);
 const WIND: Vec3 = Vec3::new(0.7, -0.3, -0.45);
 /// Strands at full detail, three triangles each.
 const STRANDS: usize = 60_000;
-
 /// Half the yard, and its height, metres.
 const YARD: Vec3 = Vec3::new(24.0, 9.0, 14.0);
 /// Cables and bundles of seven at full detail.
 const LINES: usize = 1_000;
 /// Straight pieces of a cable, eight triangles each.
 const PIECES: usize = 10;
-
 /// Width, height and depth of the scaffold, metres.
 const FRAME: Vec3 = Vec3::new(60.0, 28.0, 4.2);
 /// Its lower corner next to the wall.

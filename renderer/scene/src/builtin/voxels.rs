@@ -20,7 +20,6 @@ const HEIGHT: i32 = 96;
 const WATER_LEVEL: i32 = 27;
 /// Meshes are cut into blocks of this side.
 const BLOCK: i32 = 64;
-
 const GRASS: u8 = 1;
 const EARTH: u8 = 2;
 const ROCK: u8 = 3;

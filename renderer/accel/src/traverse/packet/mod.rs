@@ -27,13 +27,10 @@ use crate::limits::MAX_DEPTH;
 
 /// Most rays together.
 pub(crate) const PACKET: usize = 16;
-
 /// Fewer rays of one kind are not worth a packet.
 const GROUP_MIN: u32 = 4;
-
 /// Most rays in a subtree that go on alone.
 const FEW: u32 = 1;
-
 /// Most entries on the stack: on each level all children but one, and a whole node's worth on top.
 const ENTRIES: usize = (*MAX_DEPTH.end() as usize + 1) * (WIDTH_MAX - 1) + 1;
 

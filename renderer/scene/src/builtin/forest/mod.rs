@@ -24,7 +24,6 @@ const WATER: f32 = -1.6;
 const TRIES: [usize; 3] = [900, 1_350, 3_400];
 /// Trees keep so far from where the camera goes.
 const PATH_CLEAR: f32 = 5.0;
-
 /// Eye points of the camera path, seen from above.
 const WALK: [[f32; 2]; 5] = [[4.0, 41.0], [-16.0, 38.0], [-34.0, 24.0], [-36.0, 2.0], [-24.0, -20.0]];
 
