@@ -44,9 +44,7 @@ pub fn read<C: DeserializeOwned, T: DeserializeOwned>(
     let mut text = std::fs::read(path).map_err(|error| wrong(path, &error.to_string()))?;
     text.truncate(whole(&text));
     let lines: Vec<Vec<u8>> = text.split_inclusive(|byte| *byte == b'\n').map(<[u8]>::to_vec).collect();
-    let Some(first) = lines.first() else {
-        return Err(wrong(path, "its first line says no conditions"));
-    };
+    let Some(first) = lines.first() else { return Err(wrong(path, "its first line says no conditions")) };
     let Head { conditions } = parsed(path, 1, first)?;
     let others = (1..).zip(lines).skip(1);
     Ok((conditions, others.map(move |(number, line)| parsed(path, number, &line))))

@@ -34,9 +34,7 @@ fn main() {
             return;
         }
     };
-    let (Some(link_folder), Some(run_folder)) = (library.parent(), real.parent()) else {
-        return;
-    };
+    let (Some(link_folder), Some(run_folder)) = (library.parent(), real.parent()) else { return };
     println!("cargo::rustc-link-search=native={}", link_folder.display());
     println!("cargo::rustc-link-arg=-Wl,-rpath,{}", run_folder.display());
     println!("cargo::metadata=LIB_DIR={}", run_folder.display());

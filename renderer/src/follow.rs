@@ -198,9 +198,7 @@ impl Renderer {
             };
             let (build_ms, build): (_, ThreadTimes) = of_process(|| followed(&mut follower));
             let build_ms = build_ms?;
-            let Some(follower) = &mut follower else {
-                break;
-            };
+            let Some(follower) = &mut follower else { break };
             film.clear();
             let (render_ms, render) = self.watching_threads(|| follower.render(self, view, film));
             let times = FrameTimes::of(build_ms, render_ms).with_threads(self.threads(), build, render);
@@ -222,9 +220,7 @@ impl Renderer {
     /// The effect of an episode on a structure of the kind of `choice`: the share of triangles that move in a
     /// frame, and a refitted tree's cost at the end over a fresh one's. `None` without an episode or a tree.
     pub fn motion(&mut self, choice: &Choice) -> Result<Option<MotionFacts>, BuildError> {
-        let [first, .., last] = self.moments.as_slice() else {
-            return Ok(None);
-        };
+        let [first, .., last] = self.moments.as_slice() else { return Ok(None) };
         let (first, second, last) = (Arc::clone(first), Arc::clone(&self.moments[1]), Arc::clone(last));
         let moving = moving_share(&first.scene, &second.scene);
         let cost = |structure: &Structure| structure.statistics().tree.map(|tree| tree.sah_cost);

@@ -222,9 +222,7 @@ fn in_turns(
         let is_due = round > 1 && (round - 1).is_multiple_of(rounds_per_build);
         for turn in 0..count {
             let index = (round + turn) % count;
-            let Some(built) = &mut structures[index] else {
-                continue;
-            };
+            let Some(built) = &mut structures[index] else { continue };
             let choice = &contenders[index].choice;
             let rebuilt = match is_due && conditions.keeps_builds() {
                 true => Built::of(renderer, choice, &learning).map(|fresh| *built = fresh),

@@ -104,9 +104,7 @@ fn outside(count: usize) -> Option<usize> {
 
 /// A quantile of sorted values, interpolated (Hyndman and Fan 1996, definition 7). Zero of none.
 pub fn quantile(sorted: &[f64], share: f64) -> f64 {
-    let Some(last) = sorted.len().checked_sub(1) else {
-        return 0.0;
-    };
+    let Some(last) = sorted.len().checked_sub(1) else { return 0.0 };
     let place = share.clamp(0.0, 1.0) * last as f64;
     let low = place as usize;
     let high = (low + 1).min(last);

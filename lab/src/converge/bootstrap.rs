@@ -35,9 +35,7 @@ pub fn in_words(interval: Option<Interval>, digits: usize) -> String {
 pub fn interval(runs: usize, statistic: impl Fn(&[usize]) -> Option<f64>) -> Option<Interval> {
     let all: Vec<usize> = (0..runs).collect();
     let estimate = statistic(&all)?;
-    let Some(tail) = tail(runs) else {
-        return Some(Interval { estimate, range: None });
-    };
+    let Some(tail) = tail(runs) else { return Some(Interval { estimate, range: None }) };
     let values = resampled(runs, RESAMPLES, runs as u64, statistic);
     let range = [quantile(&values, tail), quantile(&values, 1.0 - tail)];
     Some(Interval { estimate, range: Some(range) })

@@ -57,9 +57,7 @@ pub fn equal_error(curves: &[Curve], baselines: &[Who]) -> Vec<EqualError> {
     let built: Vec<&Curve> = curves.iter().filter(|curve| !curve.runs.is_empty()).collect();
     let find = |who: &Who| built.iter().copied().find(|curve| curve.who == *who);
     let bases: Vec<&Curve> = baselines.iter().filter_map(find).collect();
-    let Some(first) = bases.first() else {
-        return Vec::new();
-    };
+    let Some(first) = bases.first() else { return Vec::new() };
     let after = |samples: u32| -> Option<Vec<f64>> {
         let at = |run: &Run| Some(run.points.iter().find(|point| point.samples == samples)?.relative_mse);
         first.runs.iter().map(at).collect()

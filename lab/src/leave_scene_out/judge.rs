@@ -30,9 +30,7 @@ pub(crate) fn relative_costs(
     rounds: &RecordedRounds,
     frames_per_build: u32,
 ) -> BTreeMap<String, (Configuration, f64)> {
-    let Some(native) = rounds.find(&NATIVE_DEFAULT) else {
-        return BTreeMap::new();
-    };
+    let Some(native) = rounds.find(&NATIVE_DEFAULT) else { return BTreeMap::new() };
     let native_ms = native.frame_ms(frames_per_build);
     let own = rounds.contenders.iter().filter_map(|one| Some((one, one.configuration.as_ref()?)));
     own.map(|(one, configuration)| {
@@ -72,9 +70,7 @@ pub(crate) fn fixed(
     scenes: &[BTreeMap<String, (Configuration, f64)>],
     without: &BTreeSet<String>,
 ) -> Vec<Fixed> {
-    let Some(first) = scenes.first() else {
-        return Vec::new();
-    };
+    let Some(first) = scenes.first() else { return Vec::new() };
     let on_all =
         first.iter().filter(|(text, _)| !without.contains(*text)).filter_map(|(text, (configuration, _))| {
             let costs: Option<Vec<f64>> =
@@ -174,9 +170,7 @@ pub(crate) fn rows(book: &Book, objectives: &[Objective]) -> Vec<Row> {
         else {
             continue;
         };
-        let Some(objective) = objectives.iter().find(|one| one.name() == objective) else {
-            continue;
-        };
+        let Some(objective) = objectives.iter().find(|one| one.name() == objective) else { continue };
         let fixed = fixed_of_others(book, *objective, scene, context).map(|fixed| fixed.configuration);
         let search = book.searches.get(&key(LEFT_OUT, *objective, scene, context));
         let safety = search.and_then(|search| safety(search, rounds, *objective));

@@ -225,9 +225,7 @@ fn teach(
 ) -> Result<()> {
     let own = judge::found_only_in(book, objective, without, context);
     for scene in book.scenes.keys().filter(|scene| *scene != without) {
-        let Some(search) = book.searches.get(&key(ALONE, objective, scene, context)) else {
-            continue;
-        };
+        let Some(search) = book.searches.get(&key(ALONE, objective, scene, context)) else { continue };
         for trial in &search.trials {
             tell(study, &search.state, trial, objective)?;
         }
@@ -251,9 +249,7 @@ pub(crate) fn first_answer(
     context: Context,
 ) -> Result<Option<Prediction>> {
     let name = context.to_string();
-    let Some(search) = book.searches.get(&key(ALONE, objective, scene, &name)) else {
-        return Ok(None);
-    };
+    let Some(search) = book.searches.get(&key(ALONE, objective, scene, &name)) else { return Ok(None) };
     let daemon = Daemon::start()?;
     let options = Options::new().fingerprint(book.machine.clone());
     let (client, study) = join(&daemon, objective, &space(objective), options)?;

@@ -79,9 +79,7 @@ impl FromStr for Entry {
             return Err(wrong());
         }
         let file = Self { name: name.to_owned(), path: path.to_owned(), detail: 1.0, seed: None, time: 0.0 };
-        let Some(given) = path.strip_prefix("builtin:") else {
-            return Ok(file);
-        };
+        let Some(given) = path.strip_prefix("builtin:") else { return Ok(file) };
         let mut parts = given.split(':');
         let scene = parts.next().ok_or_else(wrong)?;
         let detail = parts.next().map_or(Ok(1.0), |detail| detail.parse().map_err(|_| wrong()))?;

@@ -153,9 +153,7 @@ impl Masks {
     /// Whether a triangle with these corners is solid where a ray meets it.
     #[inline]
     pub(crate) fn is_met(&self, triangle: usize, corners: [Vec3A; 3], ray: &Ray) -> bool {
-        let Some(card) = self.cards.get(self.card_of[triangle] as usize) else {
-            return true;
-        };
+        let Some(card) = self.cards.get(self.card_of[triangle] as usize) else { return true };
         let (u, v) = weights(ray, corners.map(Vec3::from));
         let [a, b, c] = card.corners;
         self.masks[card.mask as usize].is_solid(a + (b - a) * u + (c - a) * v)

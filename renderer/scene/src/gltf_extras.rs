@@ -33,9 +33,7 @@ pub(super) struct Extras {
 
 pub(super) fn parse(json: &str) -> Extras {
     let mut extras = Extras::default();
-    let Ok(value) = serde_json::from_str::<Value>(json) else {
-        return extras;
-    };
+    let Ok(value) = serde_json::from_str::<Value>(json) else { return extras };
     let list = |key: &str| value.get(key).and_then(Value::as_array).cloned().unwrap_or_default();
     let (mut look_at, mut shapeless) = (None, 0);
     for camera in list("cameras") {

@@ -247,9 +247,7 @@ impl Walk<'_> {
         if let Some(light) = node.light() {
             self.light(&light, to_world);
         }
-        let Some(mesh) = node.mesh() else {
-            return Ok(());
-        };
+        let Some(mesh) = node.mesh() else { return Ok(()) };
         let here = [Mat4::IDENTITY];
         let copies = std::mem::take(&mut self.copies);
         for copy in copies.get(&node.index()).map_or(&here[..], Vec::as_slice) {
@@ -351,9 +349,7 @@ impl Walk<'_> {
     fn objects(&mut self, document: &Document) -> Result<(), SceneError> {
         let set_aside = std::mem::take(&mut self.instanced);
         for (mesh, places) in document.meshes().zip(set_aside) {
-            let Some(places) = places.filter(|places| !places.is_empty()) else {
-                continue;
-            };
+            let Some(places) = places.filter(|places| !places.is_empty()) else { continue };
             self.assembler.begin_object();
             self.mesh(&mesh, mesh.name().map(str::to_owned), None)?;
             let object = self.assembler.end_object();

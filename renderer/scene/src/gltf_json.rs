@@ -407,9 +407,7 @@ impl Document {
         let is_void = |number: Option<usize>| number.is_some_and(|number| void.get(number) == Some(&true));
         let (mut coloured, mut many_joints, mut left_out, mut places) = (0, 0, 0, Vec::new());
         for mesh in list_mut(&mut self.json, "meshes") {
-            let Some(primitives) = mesh.get_mut("primitives").and_then(Value::as_array_mut) else {
-                continue;
-            };
+            let Some(primitives) = mesh.get_mut("primitives").and_then(Value::as_array_mut) else { continue };
             primitives.retain_mut(|primitive| {
                 let no_indices = is_void(index(primitive, "indices"));
                 let is_filled = |_: &String, accessor: &mut Value| {

@@ -210,9 +210,7 @@ fn coordinates_of(info: &gltf::texture::Info) -> Coordinates {
 
 /// Whether the extras name glass without thickness: one sheet, which must not bend light.
 fn is_thin(material: &gltf::Material) -> bool {
-    let Some(raw) = material.extras() else {
-        return false;
-    };
+    let Some(raw) = material.extras() else { return false };
     let parsed: Option<serde_json::Value> = serde_json::from_str(raw.get()).ok();
     parsed.is_some_and(|extras| extras.get("source").and_then(|kind| kind.as_str()) == Some("thindielectric"))
 }

@@ -55,9 +55,7 @@ impl<'a> Placed<'a> {
 
     /// The box around every placed triangle; a point at the origin when there is none.
     pub fn bounds(&self) -> Bounds {
-        let Some(instances) = self.instances else {
-            return Bounds::of(self.triangles);
-        };
+        let Some(instances) = self.instances else { return Bounds::of(self.triangles) };
         let boxes = self.object_boxes();
         let mut bounds = Bounds::NOTHING;
         for (number, instance) in instances.placed().iter().enumerate() {

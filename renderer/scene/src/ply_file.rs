@@ -154,9 +154,7 @@ impl PropertyAccess for Vertex {
             Property::UInt(value) => Some(f64::from(value)),
             _ => property.to_f32_lossy().map(f64::from),
         };
-        let Some(value) = value else {
-            return PropertyAccessResult::UnsupportedType;
-        };
+        let Some(value) = value else { return PropertyAccessResult::UnsupportedType };
         match key {
             "x" => self.position.x = value,
             "y" => self.position.y = value,

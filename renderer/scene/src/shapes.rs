@@ -155,9 +155,7 @@ impl Shapes {
                 (after - before).normalize_or(Vec3::Y)
             })
             .collect();
-        let Some(first) = directions.first() else {
-            return;
-        };
+        let Some(first) = directions.first() else { return };
         // The side direction is carried along the bar so that it does not twist.
         let mut side = first.any_orthonormal_vector();
         let frames: Vec<(Vec3, Vec3)> = directions

@@ -96,9 +96,7 @@ pub(super) fn cut_out(
     let mut mask_of = HashMap::new();
     for mesh in meshes {
         let material = &materials[mesh.material as usize];
-        let Some(cutoff) = material.cutoff else {
-            continue;
-        };
+        let Some(cutoff) = material.cutoff else { continue };
         let texture = material.base_color_texture.and_then(|number| textures.all.get(number as usize));
         // Without a texture it is solid or not there at all.
         if texture.is_none() && cutoff <= 1.0 {

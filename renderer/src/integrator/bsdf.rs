@@ -257,9 +257,7 @@ impl<const THIN: bool> Seen<'_, THIN> {
         let mut diffuse =
             bsdf.diffuse * self.below * bsdf.outward * (Vec3::ONE - bsdf.layer(light.z)) * cosine;
         let diffuse_pdf = self.shares.diffuse * cosine;
-        let Some(alpha) = bsdf.alpha else {
-            return (diffuse, diffuse_pdf);
-        };
+        let Some(alpha) = bsdf.alpha else { return (diffuse, diffuse_pdf) };
         if let Some(multiple) = &bsdf.multiple {
             diffuse += multiple.value(self.loss, light.z, alpha);
         }

@@ -385,9 +385,7 @@ impl Lights {
 
     /// Draws a direction to the sky.
     fn sample_sky(&self, position: Vec3, pick: f32, u: [f32; 2]) -> Option<LightSample> {
-        let Some(guide) = self.guide() else {
-            return Some(self.environment.as_ref()?.sample(pick, u));
-        };
+        let Some(guide) = self.guide() else { return Some(self.environment.as_ref()?.sample(pick, u)) };
         let (direction, pdf) = guide.sample(position, pick, u);
         let environment = self.environment.as_ref();
         let radiance =
@@ -515,9 +513,7 @@ impl Lights {
 
     #[cold]
     fn looked_up(&self, number: usize, lamp: Lamp, u: [f32; 2]) -> Lamp {
-        let Some(Skin { texture, corners: [a, b, c], factor }) = self.skins[number] else {
-            return lamp;
-        };
+        let Some(Skin { texture, corners: [a, b, c], factor }) = self.skins[number] else { return lamp };
         let [v, w] = uniform_triangle(u);
         let value = self.textures[texture as usize].sample(a + (b - a) * v + (c - a) * w, 0.0);
         Lamp { emission: factor * value.xyz(), ..lamp }

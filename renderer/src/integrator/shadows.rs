@@ -35,9 +35,7 @@ pub(super) fn through_sheets<I: Intersector>(
     let mut seen = Vec3::ONE;
     for passed in 0..=SHEETS_PER_SEGMENT_MAX {
         counts.rays += 1;
-        let Some(hit) = intersector.closest(&ray) else {
-            return if passed > 0 { seen } else { Vec3::ZERO };
-        };
+        let Some(hit) = intersector.closest(&ray) else { return if passed > 0 { seen } else { Vec3::ZERO } };
         counts.hits += 1;
         let facet = &prepared.facets[hit.triangle as usize];
         let mut standing = WorldFacet::new::<true>(facet, prepared.scene.instance(hit.instance));

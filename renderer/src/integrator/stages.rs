@@ -150,9 +150,7 @@ impl Buffers {
         }
         for (lane, index) in lanes.iter_mut().zip(range) {
             fetch(index + AHEAD);
-            let Some(hit) = &hits[index] else {
-                continue;
-            };
+            let Some(hit) = &hits[index] else { continue };
             let facet = &prepared.facets[hit.triangle as usize];
             let shading = if needs.materials {
                 prepared.surface::<true>(facet)

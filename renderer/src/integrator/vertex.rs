@@ -196,9 +196,7 @@ fn vertex<const NEEDS: usize>(
     } else {
         Surface::new::<false>(&standing, ray, hit)
     };
-    let Some(surface) = surface else {
-        return END;
-    };
+    let Some(surface) = surface else { return END };
     let last_ray = needs.lamps && tracing.is_last_ray(path);
     if needs.lamps && material.glows {
         let weight = if path.pdf < 0.0 {
@@ -379,9 +377,7 @@ impl Context<'_> {
         shadow: &mut Shadow,
     ) -> Next {
         let frame = Basis::new(self.surface.shading_normal);
-        let Some(seen) = bsdf.seen_from::<THIN>(frame.to_local(-ray.direction)) else {
-            return END;
-        };
+        let Some(seen) = bsdf.seen_from::<THIN>(frame.to_local(-ray.direction)) else { return END };
         let shadow = self.light::<NEEDS>(path, shadow, |light| seen.rough(frame.to_local(light)));
         if self.follow == 0.0 && !THIN {
             return Next { shadow, goes_on: false };

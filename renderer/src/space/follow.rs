@@ -79,9 +79,7 @@ pub(super) fn build(tree: KeptTree, premises: &Premises) -> BuildChoice {
 
 /// A tree between a quick one and a `good` one, in build time and in quality.
 fn middle(good: BuildChoice) -> BuildChoice {
-    let BuildChoice::Tree(good) = good else {
-        return good;
-    };
+    let BuildChoice::Tree(good) = good else { return good };
     let (builder, search_radius, cluster_size, reinsertion_passes) = (Builder::Ploc, 8, 2, 1);
     BuildChoice::Tree(TreeParameters { builder, search_radius, cluster_size, reinsertion_passes, ..good })
 }

@@ -99,9 +99,7 @@ fn tell(
     let mut film = Film::new(setting.width, setting.height);
     for _ in 0..ROUNDS {
         for rival in known {
-            let Some(configuration) = &rival.configuration else {
-                continue;
-            };
+            let Some(configuration) = &rival.configuration else { continue };
             if !(patience.go_on)() {
                 return Ok(());
             }

@@ -208,9 +208,7 @@ pub fn crown(
     let works = |one: &&Standing| one.failure.is_none() && one.frame_ms.count > 0;
     let find = |who: &Who| standings.iter().filter(works).find(|one| one.who == *who);
     // Where the start cannot be built, the search's best has no incumbent to beat.
-    let Some(incumbent) = find(start).or_else(|| find(&Who::Found)) else {
-        return Who::Nobody;
-    };
+    let Some(incumbent) = find(start).or_else(|| find(&Who::Found)) else { return Who::Nobody };
     let is_shown = |one: &Standing, gain: &Ratio| {
         gain.is_gain() || is_proven && one.who == Who::Found && gain.median > 1.0
     };

@@ -48,9 +48,7 @@ impl Case {
     /// Runs a configuration and returns its fault. One that cannot be built here has none.
     pub(crate) fn run(&mut self, space: &TuningSpace, configuration: &Configuration) -> Result<(), String> {
         let choice = space.choice(configuration).map_err(|error| error.to_string())?;
-        let Some(structure) = self.build(&choice)? else {
-            return Ok(());
-        };
+        let Some(structure) = self.build(&choice)? else { return Ok(()) };
         for packets in Packets::ALL {
             self.question(&structure, packets)?;
         }

@@ -49,9 +49,7 @@ pub(crate) struct Tinybvh {
 impl Tinybvh {
     /// Loads the library; none where the environment does not name one.
     pub(crate) fn load() -> Result<Option<Arc<Self>>, Box<dyn Error>> {
-        let Some(path) = std::env::var_os(LIBRARY) else {
-            return Ok(None);
-        };
+        let Some(path) = std::env::var_os(LIBRARY) else { return Ok(None) };
         // SAFETY: the user names the library that tools/tinybvh.sh made of tinybvh.cpp, which runs nothing
         // when it is loaded and has these four functions with these arguments; the library is kept as long as
         // they are.

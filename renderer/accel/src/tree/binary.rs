@@ -129,9 +129,7 @@ impl BinaryTree {
         // Nodes that still name their children by the old numbers.
         let mut stack = vec![0];
         while let Some(number) = stack.pop() {
-            let Some(old) = nodes[number].first_child() else {
-                continue;
-            };
+            let Some(old) = nodes[number].first_child() else { continue };
             let new = next;
             next += 2;
             nodes[new] = self.nodes[old];

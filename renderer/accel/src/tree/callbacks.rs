@@ -105,9 +105,7 @@ pub(crate) unsafe extern "C" fn set_children<N: TreeNode>(
     // SAFETY: `node` is null or from `create_node`; each of `count` `children` is from these functions.
     unsafe {
         guarded(user, (), |_| {
-            let Some(node) = node.cast::<N>().as_mut() else {
-                return;
-            };
+            let Some(node) = node.cast::<N>().as_mut() else { return };
             for (place, &child) in
                 node.children_mut().iter_mut().zip(std::slice::from_raw_parts(children, count as usize))
             {
@@ -127,9 +125,7 @@ pub(crate) unsafe extern "C" fn set_bounds<N: TreeNode>(
     // SAFETY: `node` is null or came from `create_node`; `bounds` has `count` valid entries.
     unsafe {
         guarded(user, (), |_| {
-            let Some(node) = node.cast::<N>().as_mut() else {
-                return;
-            };
+            let Some(node) = node.cast::<N>().as_mut() else { return };
             let mut of_children = [Bounds::EMPTY; WIDTH_MAX];
             let count = (count as usize).min(N::WIDTH);
             for (place, &bounds) in of_children.iter_mut().zip(std::slice::from_raw_parts(bounds, count)) {

@@ -274,9 +274,7 @@ mod tests {
         if this.leaves() <= parameters.min_leaf_size {
             return leaf;
         }
-        let Some(first) = this.first_child() else {
-            return leaf;
-        };
+        let Some(first) = this.first_child() else { return leaf };
         let halves = |share: usize| {
             (1..share)
                 .map(|left| {

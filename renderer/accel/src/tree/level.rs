@@ -104,17 +104,13 @@ impl Level {
     /// Fits the level to the moved places of objects that rest. False, for a rebuild, where there is no tree,
     /// its cost is beyond `most` times that of its build, or memory ran out.
     pub(super) fn fit(&mut self, places: &[Place], most: f64) -> bool {
-        let Some(upper) = &mut self.upper else {
-            return false;
-        };
+        let Some(upper) = &mut self.upper else { return false };
         let boxes = boxes(&upper.outlines, places);
         upper.plan.fit(|number| boxes[number as usize]);
         if upper.plan.boxes_met() > most * upper.boxes_met {
             return false;
         }
-        let Ok((memory, node)) = written(&self.lower, &upper.plan, places) else {
-            return false;
-        };
+        let Ok((memory, node)) = written(&self.lower, &upper.plan, places) else { return false };
         self.root = Root { node, bounds: upper.plan.root.bounds, triangles: Arc::default() };
         upper._memory = memory;
         true

@@ -29,9 +29,7 @@ impl Outline {
         let mut parts: Vec<(Bounds, NodeRef)> = vec![(root.bounds, root.node)];
         let mut closed = BinaryHeap::from([(by_size(&root.bounds), 0_usize)]);
         while parts.len() < PARTS {
-            let Some((_, number)) = closed.pop() else {
-                break;
-            };
+            let Some((_, number)) = closed.pop() else { break };
             let (_, node) = parts[number];
             if node.is_leaf() {
                 continue;

@@ -118,9 +118,7 @@ fn search(tree: &BinaryTree, node: usize, stack: &mut Vec<(f32, usize)>) -> (Opt
                 continue;
             }
             looked += 1;
-            let Some(first) = tree.nodes[inner].first_child() else {
-                continue;
-            };
+            let Some(first) = tree.nodes[inner].first_child() else { continue };
             let mut below = [first, first + 1].map(|child| {
                 let other = &tree.nodes[child];
                 let left = potential - with(other);

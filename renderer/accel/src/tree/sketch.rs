@@ -83,9 +83,7 @@ pub(super) unsafe extern "C" fn create_node(
     // SAFETY: Embree hands back our context and its allocator; the room is large enough and aligned.
     unsafe {
         guarded(user, std::ptr::null_mut(), |context| {
-            let Some(node) = context.allocate::<Sketch>(allocator, 1) else {
-                return std::ptr::null_mut();
-            };
+            let Some(node) = context.allocate::<Sketch>(allocator, 1) else { return std::ptr::null_mut() };
             node.write(Sketch {
                 bounds: [Bounds::EMPTY; 2],
                 children: [SketchRef::NOTHING; 2],
@@ -107,9 +105,7 @@ pub(super) unsafe extern "C" fn set_bounds(
     // SAFETY: `node` is null or came from `create_node`; `bounds` has `count` valid entries.
     unsafe {
         guarded(user, (), |_| {
-            let Some(node) = node.cast::<Sketch>().as_mut() else {
-                return;
-            };
+            let Some(node) = node.cast::<Sketch>().as_mut() else { return };
             let bounds = std::slice::from_raw_parts(bounds, count as usize);
             for (place, &bounds) in node.bounds.iter_mut().zip(bounds) {
                 *place = from_embree(&*bounds);
@@ -128,9 +124,7 @@ pub(super) unsafe extern "C" fn set_children(
     // SAFETY: as for `set_bounds`; each of `count` `children` is null or a finished one of these functions.
     unsafe {
         guarded(user, (), |_| {
-            let Some(node) = node.cast::<Sketch>().as_mut() else {
-                return;
-            };
+            let Some(node) = node.cast::<Sketch>().as_mut() else { return };
             let children = std::slice::from_raw_parts(children, count as usize);
             for (place, &child) in node.children.iter_mut().zip(children) {
                 // Only where memory ran out, and then the build fails as a whole.

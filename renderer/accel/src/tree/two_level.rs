@@ -138,9 +138,7 @@ impl TwoLevel {
         let mut times = vec![0; placed.len()];
         let mut fault = None;
         self.level.walk(&mut |_, bounds, part| {
-            let Some(part) = part else {
-                return;
-            };
+            let Some(part) = part else { return };
             let instance = &placed[part.instance as usize];
             let Root { node, triangles, .. } = &self.objects[instance.object as usize].root;
             times[part.instance as usize] += 1;

@@ -101,9 +101,7 @@ pub(super) fn in_two_processes(
     let rounds = second.as_deref().map_or(conditions.rounds, rounds_of);
     let (own, processes) = (Conditions { rounds, ..*conditions }, 1 + u32::from(second.is_some()));
     let measured = measure(renderer, contenders, &own, processes, || interrupt.requested());
-    let Some(second) = second else {
-        return (measured, watch);
-    };
+    let Some(second) = second else { return (measured, watch) };
     (measured.into_iter().zip(second).map(|(one, second)| one.joined(second)).collect(), watch)
 }
 
