@@ -138,7 +138,7 @@ impl Kinds {
 /// # Safety
 /// The processor has the features of `F`, `X` and `P`; the tree has nodes `N` and leaves `P` tests.
 #[inline(always)]
-pub(crate) unsafe fn closest<N, F, X, P>(
+pub(crate) unsafe fn closest<N: Planes, F: Order, X: PacketBoxes<N>, P: PacketLeaves<Rays = X::Rays>>(
     root: &Root,
     start: NodeRef,
     bundle: &Bundle,
@@ -146,12 +146,7 @@ pub(crate) unsafe fn closest<N, F, X, P>(
     classes: [u32; 2],
     tree: P::Tree,
     hits: &mut Hits,
-) where
-    N: Planes,
-    F: Order,
-    X: PacketBoxes<N>,
-    P: PacketLeaves<Rays = X::Rays>,
-{
+) {
     let mut waiting = active & bundle.valid::<X::Rays>(hits.ends());
     let kinds = Kinds::new::<X::Rays>(bundle, classes);
     while waiting != 0 {
@@ -186,19 +181,14 @@ unsafe fn closest_alone<P: PacketLeaves>(
 }
 
 #[inline(always)]
-unsafe fn walk_closest<N, F, X, P>(
+unsafe fn walk_closest<N: Planes, F: Order, X: PacketBoxes<N>, P: PacketLeaves<Rays = X::Rays>>(
     root: &Root,
     start: NodeRef,
     bundle: &Bundle,
     group: u32,
     tree: P::Tree,
     hits: &mut Hits,
-) where
-    N: Planes,
-    F: Order,
-    X: PacketBoxes<N>,
-    P: PacketLeaves<Rays = X::Rays>,
-{
+) {
     let frustum: PaddedBoxes<F> = frustum::<X::Rays, F>(root, bundle, N::WIDTH);
     let (boxes, leaves) = (X::new(root, bundle), P::new(tree, bundle));
     let mut end = farthest::<X::Rays>(group, hits.ends());
@@ -272,7 +262,7 @@ pub(crate) fn occluded_each(
 /// # Safety
 /// As for [`closest`].
 #[inline(always)]
-pub(crate) unsafe fn occluded<N, F, X, P>(
+pub(crate) unsafe fn occluded<N: Planes, F: Order, X: PacketBoxes<N>, P: PacketLeaves<Rays = X::Rays>>(
     root: &Root,
     start: NodeRef,
     bundle: &Bundle,
@@ -280,13 +270,7 @@ pub(crate) unsafe fn occluded<N, F, X, P>(
     classes: [u32; 2],
     tree: P::Tree,
     ends: &Stored,
-) -> u32
-where
-    N: Planes,
-    F: Order,
-    X: PacketBoxes<N>,
-    P: PacketLeaves<Rays = X::Rays>,
-{
+) -> u32 {
     let mut waiting = active & bundle.valid::<X::Rays>(X::Rays::load(ends.0.as_ptr()));
     let kinds = Kinds::new::<X::Rays>(bundle, classes);
     let mut found = 0;
@@ -324,20 +308,14 @@ unsafe fn any_alone<P: PacketLeaves>(
 
 /// One bit a ray that hits something.
 #[inline(always)]
-unsafe fn walk_occluded<N, F, X, P>(
+unsafe fn walk_occluded<N: Planes, F: Order, X: PacketBoxes<N>, P: PacketLeaves<Rays = X::Rays>>(
     root: &Root,
     start: NodeRef,
     bundle: &Bundle,
     group: u32,
     tree: P::Tree,
     ends: &Stored,
-) -> u32
-where
-    N: Planes,
-    F: Order,
-    X: PacketBoxes<N>,
-    P: PacketLeaves<Rays = X::Rays>,
-{
+) -> u32 {
     let frustum: PaddedBoxes<F> = frustum::<X::Rays, F>(root, bundle, N::WIDTH);
     let (boxes, leaves) = (X::new(root, bundle), P::new(tree, bundle));
     let t_max = X::Rays::load(ends.0.as_ptr());
