@@ -11,7 +11,6 @@ use treewright_accel::{BuildChoice, Structure};
 use crate::limits::{SHELF_BYTES_MAX, TRIALS_PER_BUILD_MAX};
 use crate::scheduling::ThreadTimes;
 
-/// A structure, its choice, and the time of its build.
 #[derive(Debug)]
 pub(crate) struct Built {
     pub(crate) structure: Structure,

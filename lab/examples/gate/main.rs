@@ -88,7 +88,6 @@ fn kernels_of(seed: u64) -> Vec<Problem> {
     kernels::KERNELS.iter().chain(&kernels::UNSEEN).map(|name| kernels::problem(name, seed)).collect()
 }
 
-/// Whether an option stands among the arguments.
 fn is_given(option: &str) -> bool {
     std::env::args().any(|argument| argument == option)
 }
@@ -146,7 +145,6 @@ fn recorded() -> Record {
     serde_json::from_str(&text).unwrap_or_else(|error| panic!("{RECORD}: {error}"))
 }
 
-/// Mean and standard error.
 fn mean_and_error(values: &[f64]) -> (f64, f64) {
     let count = values.len() as f64;
     let mean = values.iter().sum::<f64>() / count;

@@ -111,7 +111,6 @@ pub(super) fn with_versions(machine: Fingerprint, threads: usize) -> Result<Fing
     Ok(machine.software("embree", format!("{major}.{minor}.{patch}")))
 }
 
-/// The space of a record.
 pub(super) fn space(conditions: &Conditions) -> TuningSpace {
     let preset = if conditions.space == "paper" { Preset::Paper } else { Preset::Full };
     TuningSpace::new(preset, &Premises::all())

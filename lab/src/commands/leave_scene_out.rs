@@ -208,7 +208,6 @@ fn keep(open: &mut OpenBook, stage: &Stage, name: String, rounds: RecordedRounds
     }
 }
 
-/// Prints what the answers came to over all scenes.
 fn print(rows: &[Row]) {
     for objective in Objective::ALL {
         let own: Vec<&Row> = rows.iter().filter(|row| row.objective == objective).collect();

@@ -122,7 +122,6 @@ impl Examined {
     }
 }
 
-/// The searches for an objective at some places.
 fn searches<'a>(
     record: &'a Record,
     objective: Objective,

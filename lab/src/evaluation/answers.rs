@@ -65,7 +65,6 @@ pub(crate) struct School<'a> {
 }
 
 impl<'a> School<'a> {
-    /// Takes the searches of an objective, one a place.
     pub(crate) fn new(
         space: &'a Space,
         objective: Objective,
@@ -291,7 +290,6 @@ fn not_judged(error: impl std::fmt::Display) -> CliError {
     CliError::Failed(format!("the record cannot be judged: {error}"))
 }
 
-/// The question of a client at a search's place.
 fn ask(search: &Search) -> Ask {
     Ask { client_id: "evaluation".to_owned(), indicators: search.state.clone(), ..Ask::default() }
 }

@@ -233,7 +233,6 @@ fn objective(page: &mut String, verdict: &Verdict) {
     }
 }
 
-/// Every entrant over all scenes.
 fn table(names: &[String], all: &[Standing], split: Split) -> String {
     let heads = [
         "",

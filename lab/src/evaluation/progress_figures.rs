@@ -58,7 +58,6 @@ pub(crate) fn two_objectives(record: &Record) -> Option<String> {
     Some(text)
 }
 
-/// The answers without a search, and the searches after each milestone.
 fn moments(record: &Record, verdict: &Verdict) -> [Vec<Moment>; 2] {
     [without_search(verdict, &BESIDE.map(|(name, _)| name)), of_searches(record, verdict)]
 }
@@ -152,7 +151,6 @@ fn figure(at_once: &[Moment], searched: &[Moment], at: fn(&Moment) -> f64, label
     figure.finish()
 }
 
-/// The numbers behind these figures.
 pub(crate) fn table(record: &Record, verdict: &Verdict) -> String {
     let mut text = String::from("who,trials,seconds,cost_over_roofline,low,high,cameras\n");
     for Moment { who, trials, seconds, cost, cameras } in moments(record, verdict).concat() {

@@ -108,7 +108,6 @@ impl Search {
     }
 }
 
-/// The purpose of a group.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum GroupKind {
@@ -197,7 +196,6 @@ pub(crate) struct Pair {
     pub(crate) group: Group,
 }
 
-/// A line of the file after that of the conditions.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum Line {
@@ -208,7 +206,6 @@ pub(crate) enum Line {
 }
 
 impl Line {
-    /// Where it was measured.
     fn measured(&self) -> (&Place, Option<&Provenance>) {
         match self {
             Self::Search(search) | Self::Part(PartSearch { search, .. }) => {
@@ -264,7 +261,6 @@ impl Record {
         Ok(record)
     }
 
-    /// Whether a search is there already.
     pub(crate) fn has_search(&self, objective: Objective, place: &Place) -> bool {
         let is_it = |one: &Search| one.objective == objective.name() && one.method == METHOD.name();
         self.searches.iter().any(|one| is_it(one) && one.place == *place)
@@ -309,7 +305,6 @@ impl Record {
     }
 }
 
-/// A record that is added to.
 #[derive(Debug)]
 pub(crate) struct OpenRecord {
     path: PathBuf,

@@ -16,7 +16,6 @@ use crate::converge::bootstrap::{geometric, resampled};
 const RESAMPLES: usize = 2000;
 const SEED: u64 = 7;
 
-/// A geometric mean.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub(crate) struct Mean {
     pub(crate) mean: f64,

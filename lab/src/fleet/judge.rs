@@ -43,7 +43,6 @@ pub(crate) fn rows(record: &Record) -> Vec<Row> {
         .collect()
 }
 
-/// The rows of a group, or of all machines.
 fn rows_of(record: &Record, group: Option<&str>) -> Vec<Row> {
     let is_asked = |one: &&At<RecordedRounds>| group.is_none_or(|group| one.machine.isa == group);
     let asked: Vec<&At<RecordedRounds>> = record.answers.iter().filter(is_asked).collect();

@@ -45,7 +45,6 @@ impl<T> At<T> {
     }
 }
 
-/// A line of the file after that of the conditions.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum Line {

@@ -57,7 +57,6 @@ pub(crate) struct RecordedRounds {
 }
 
 impl RecordedRounds {
-    /// A contender's times.
     pub(crate) fn find(&self, who: &Who) -> Option<&RecordedContender> {
         self.contenders.iter().find(|one| one.who == *who)
     }

@@ -36,13 +36,11 @@ const TOTAL: [&str; 11] = [
     "backend=tunable,quality=2,block_width=8,min_leaf_size=25,max_leaf_size=32,sah_block_size=8",
 ];
 
-/// A configuration that takes part in rounds.
 pub(crate) fn rival(who: Who, space: &TuningSpace, configuration: Configuration) -> Result<Rival> {
     let contender = verdict::contender(who, space, &configuration)?;
     Ok(Rival { contender, configuration: Some(configuration) })
 }
 
-/// Native Embree as everybody uses it.
 pub(crate) fn native_default() -> Vec<Rival> {
     let natives = verdict::natives().into_iter().filter(|one| one.who == NATIVE_DEFAULT);
     natives.map(|contender| Rival { contender, configuration: None }).collect()

@@ -248,7 +248,6 @@ fn row(
     })
 }
 
-/// Median, least and geometric mean of some ratios.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Overall {
     pub(crate) median: f64,

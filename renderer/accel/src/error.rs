@@ -125,7 +125,6 @@ impl From<EmbreeFailure> for BuildError {
     }
 }
 
-/// An error of one Embree call.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct EmbreeFailure {
     pub(crate) code: u32,

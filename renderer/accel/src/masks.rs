@@ -112,7 +112,6 @@ const SOLID: u32 = u32::MAX;
 pub(crate) struct Masks {
     masks: Arc<Vec<Mask>>,
     cards: Arc<Vec<Card>>,
-    /// By triangle.
     card_of: Vec<u32>,
 }
 
@@ -139,7 +138,6 @@ impl Masks {
         Ok(Self { masks: Arc::new(masks), cards: Arc::new(all), card_of })
     }
 
-    /// Of some of these triangles.
     pub(crate) fn subset(&self, numbers: impl Iterator<Item = usize>) -> Self {
         let card_of = numbers.map(|number| self.card_of[number]).collect();
         Self { masks: Arc::clone(&self.masks), cards: Arc::clone(&self.cards), card_of }

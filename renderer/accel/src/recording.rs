@@ -71,7 +71,6 @@ pub struct Recording {
 /// A ray in a file: origin, direction, begin, and the end of one that has an end.
 type WrittenRay = ([f32; 3], [f32; 3], f32, Option<f32>);
 
-/// A recording in a file.
 #[derive(Serialize, Deserialize)]
 struct Written {
     positions: Vec<[f32; 3]>,

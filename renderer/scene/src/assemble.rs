@@ -159,7 +159,6 @@ impl Assembler {
         self.first_source = Some(first);
     }
 
-    /// Gives the scene what its animations move.
     pub(crate) fn animate(&mut self, rig: Rig) {
         self.rig = Some(rig);
     }

@@ -91,7 +91,6 @@ impl Segment {
         Self { around, moments: times, share }
     }
 
-    /// Blends a quantity of the keys.
     fn blend(&self, of: impl Fn(usize) -> Vec3) -> Vec3 {
         let [mut before, from, to, mut after] = self.around.map(of);
         // Beyond the ends the path is thought to go straight on.

@@ -48,7 +48,6 @@ impl Materials {
         }
     }
 
-    /// Where a material's textures are looked up.
     pub(super) fn coordinates(&self, material: &gltf::Material) -> Coordinates {
         let known = material.index().and_then(|index| self.numbers.get(index));
         known.map_or(Coordinates::default(), |(_, coordinates)| *coordinates)

@@ -117,7 +117,6 @@ impl Scene {
         flat.iter().map(|mesh| (mesh, NO_INSTANCE)).chain(of_instance)
     }
 
-    /// The meshes that lie in a run of triangles.
     fn meshes_of(&self, range: &Range<u32>) -> &[Mesh] {
         let first = self.meshes.partition_point(|mesh| mesh.first_triangle < range.start);
         let end = self.meshes.partition_point(|mesh| mesh.first_triangle < range.end);

@@ -314,7 +314,6 @@ impl<const THIN: bool> Seen<'_, THIN> {
     }
 }
 
-/// The dielectric layer over a body.
 struct Coat {
     f0: f32,
     f90: f32,

@@ -39,7 +39,6 @@ impl Lamp {
         if square > 0.0 { cosines / (square * square) } else { 0.0 }
     }
 
-    /// A point on it, seen from a position.
     #[inline(always)]
     pub(super) fn sample(&self, position: Vec3, u: [f32; 2]) -> LightSample {
         let [v, w] = uniform_triangle(u);

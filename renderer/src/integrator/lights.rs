@@ -28,9 +28,7 @@ pub struct Lights {
     powers: Vec<f64>,
     table: Option<AliasTable>,
     how: LightSampling,
-    /// The learnt directions of the sky.
     guide: Option<Arc<SkyGuide>>,
-    /// The learnt lamps of places.
     lamp_guide: Option<Arc<LampGuide>>,
     /// Factor on the weight of a sampled lamp over that of its density by power.
     lamp_weight: f32,
@@ -383,7 +381,6 @@ impl Lights {
         self.sample::<true, true>(position, normal, [choice, pick], u)
     }
 
-    /// Draws a direction to the sky.
     fn sample_sky(&self, position: Vec3, pick: f32, u: [f32; 2]) -> Option<LightSample> {
         let Some(guide) = self.guide() else { return Some(self.environment.as_ref()?.sample(pick, u)) };
         let (direction, pdf) = guide.sample(position, pick, u);

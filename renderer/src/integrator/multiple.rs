@@ -9,7 +9,6 @@ use std::f32::consts::FRAC_1_PI;
 
 use glam::Vec3;
 
-/// The second lobe of a rough metal.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Multiple {
     /// Share of what the first lobe loses that the second gives back.

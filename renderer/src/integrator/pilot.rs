@@ -22,7 +22,6 @@ const EDGE_MAX: u32 = 160;
 const SAMPLES: u32 = 16;
 const TILE: u32 = 16;
 
-/// The findings of pilot frames.
 #[derive(Debug, Default)]
 struct Notes {
     records: Vec<LightRecord>,
@@ -76,7 +75,6 @@ pub(crate) fn learn<I: Intersector>(
     Learnt { sky: guide.map(Arc::new), lamps: lamps.map(Arc::new), brightness, times }
 }
 
-/// Follows a path of each pixel of a tile.
 fn notes_of<I: Intersector>(frame: &Frame, intersector: &I, tile: &Tile<'_>, places_wanted: bool) -> Notes {
     let mut notes = Notes { places_wanted, ..Notes::default() };
     for pixel in 0..tile.sums.len() as u32 {

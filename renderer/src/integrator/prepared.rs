@@ -90,7 +90,6 @@ impl Prepared {
         self.follow_lights();
     }
 
-    /// Takes over the results of pilot frames.
     pub(crate) fn take_over(&mut self, learnt: Learnt) {
         self.lights.set_guides(learnt.sky.clone(), learnt.lamps.clone());
         self.learnt = learnt;

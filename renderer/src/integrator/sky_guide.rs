@@ -53,7 +53,6 @@ pub(super) enum Kind {
 /// Shares of shadow rays, by [`Kind`].
 pub(super) type Shares = [f32; 3];
 
-/// The results of pilot frames.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Learnt {
     /// Where the sky was seen from; nothing where it hardly was.
@@ -140,7 +139,6 @@ impl SkyGuide {
         self
     }
 
-    /// Shares of shadow rays at a position.
     #[inline]
     pub(super) fn shares(&self, position: Vec3) -> Shares {
         self.shares[self.of_cell[self.cell(position)] as usize]

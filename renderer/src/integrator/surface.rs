@@ -136,7 +136,6 @@ pub(super) fn interpolated([a, b, c]: [Vec3; 3], u: f32, v: f32) -> Vec3 {
     a * w + b * u + c * v
 }
 
-/// The largest component of two edges.
 #[inline(always)]
 fn longest(ab: Vec3A, ac: Vec3A) -> f32 {
     ab.abs().max(ac.abs()).max_element()

@@ -16,7 +16,6 @@ use crate::scene::Texture;
 /// Least ratio of a footprint's width to its length.
 const SLANT_MIN: f32 = 1.0 / 64.0;
 
-/// Where textures are looked up.
 struct Place {
     at: Vec2,
     /// Width of the ray where it meets the triangle, in texture coordinates.

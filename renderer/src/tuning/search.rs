@@ -353,7 +353,6 @@ fn run_noisy(
     }
 }
 
-/// Runs the episode that the renderer was given with one choice.
 fn run_episode(
     renderer: &mut Renderer,
     choice: &Choice,

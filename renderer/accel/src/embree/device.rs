@@ -81,7 +81,6 @@ thread_local! {
     static MESSAGE: RefCell<String> = const { RefCell::new(String::new()) };
 }
 
-/// The state that the callbacks read and write.
 #[derive(Debug)]
 struct MemoryMonitor {
     /// Bytes Embree holds for its structures.
@@ -151,7 +150,6 @@ impl Device {
         Ok(device)
     }
 
-    /// A device with `further` options.
     fn new(threads: usize, further: &str, memory: Arc<MemoryMonitor>) -> Result<Self, DeviceError> {
         // Configuration files in the home or working folder must not change measurements.
         let widest = Isa::widest().map_or_else(String::new, |isa| format!("max_isa={},", isa.name()));

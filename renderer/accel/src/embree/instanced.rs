@@ -77,7 +77,6 @@ impl NativeInstances {
     }
 }
 
-/// The scene of instances.
 fn place(
     device: &Device,
     triangles: &Arc<Triangles>,

@@ -123,7 +123,6 @@ impl NativeScene {
     }
 }
 
-/// A scene of these options, still empty.
 pub(super) fn new_scene(device: &Device, options: &NativeOptions) -> Result<SceneHandle, BuildError> {
     // SAFETY: the device is valid.
     let scene = SceneHandle(unsafe { ffi::rtcNewScene(device.handle()) });

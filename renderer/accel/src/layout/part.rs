@@ -23,7 +23,6 @@ unsafe impl Send for PlacedPart {}
 unsafe impl Sync for PlacedPart {}
 
 impl PlacedPart {
-    /// An object with the root `node`, as `instance` places it.
     pub(crate) fn new(instance: &Instance, number: u32, node: NodeRef) -> Self {
         let (linear, moved) = (instance.to_object.matrix3, instance.to_object.translation);
         let row = |axis: usize| [linear.x_axis[axis], linear.y_axis[axis], linear.z_axis[axis], moved[axis]];

@@ -21,7 +21,6 @@ pub(super) struct BinaryNode {
 
 const LEAF_BIT: u32 = 1 << 31;
 
-/// Half the surface area of a box.
 #[inline(always)]
 pub(super) fn half_area(lower: Vec3A, upper: Vec3A) -> f32 {
     let extent = upper - lower;
@@ -107,7 +106,6 @@ impl BinaryTree {
         &self.nodes[0]
     }
 
-    /// Parent of any node but the root.
     #[inline(always)]
     pub(super) fn parent(&self, node: usize) -> usize {
         self.parents[node / 2] as usize
@@ -149,17 +147,14 @@ impl BinaryTree {
 
 /// A binary tree over single triangles, or a part of one, in any form.
 pub(super) trait Subtree: Send + Sized {
-    /// Box of its triangles.
     fn bounds(&self) -> Bounds;
 
     /// Its leaves: 1 for a leaf.
     fn leaves(&self) -> u32;
 
-    /// What it is made of.
     fn open(self) -> Opened<Self>;
 }
 
-/// What a [`Subtree`] is made of.
 pub(super) enum Opened<S> {
     Leaf(u32),
     /// Two halves.

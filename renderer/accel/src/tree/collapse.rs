@@ -17,7 +17,6 @@ const TASK_LEVELS: u32 = 32;
 /// Cost of a subtree as at most `i + 1` children of one node, for each `i`.
 type Costs<const W: usize> = [f32; W];
 
-/// The costs of nodes and leaves.
 struct Model {
     traversal_cost: f32,
     intersection_cost: f32,

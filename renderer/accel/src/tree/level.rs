@@ -150,7 +150,6 @@ fn written(lower: &Lower, plan: &Plan, places: &[Place]) -> Result<(Arena, NodeR
     write::<Node<LEVEL_WIDTH>, _>(plan, &parts.as_slice())
 }
 
-/// The box around each object in its place.
 fn boxes(outlines: &[Outline], places: &[Place]) -> Vec<Bounds> {
     let around =
         |(_, instance): &Place| finite(outlines[instance.object as usize].placed(&instance.to_world));
@@ -177,7 +176,6 @@ fn finite(bounds: Bounds) -> Bounds {
     }
 }
 
-/// The wide tree over the objects' boxes.
 fn plan(device: &Device, boxes: &[Bounds], parameters: &TreeParameters) -> Result<Plan, BuildError> {
     let width = LEVEL_WIDTH as u32;
     let plan_with = |passes| match plan_over(device, boxes, width, passes) {

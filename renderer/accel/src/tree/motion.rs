@@ -49,7 +49,6 @@ struct Subtree {
     graft: Option<Tree>,
 }
 
-/// A node above the subtrees.
 #[derive(Debug)]
 struct Above {
     node: NodeRef,
@@ -304,7 +303,6 @@ fn depths(plan: &Plan, count: usize) -> Vec<u32> {
 }
 
 impl Subtree {
-    /// Rebuilds the subtree over its triangles.
     fn build<N: TreeNode, const B: usize>(
         &mut self,
         device: &Device,

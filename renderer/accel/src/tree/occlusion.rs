@@ -97,7 +97,6 @@ unsafe impl Send for Subtree {}
 unsafe impl Sync for Subtree {}
 
 impl Subtree {
-    /// The subtree of each child of a node.
     fn children<N: TreeNode>(&self, node: &N) -> ([Self; WIDTH_MAX], usize) {
         let mut all = [*self; WIDTH_MAX];
         let count = node.count();
@@ -146,7 +145,6 @@ fn order_by(count: usize, key: impl Fn(usize) -> f32) -> [u8; WIDTH_MAX] {
     order
 }
 
-/// Area of a block's triangles.
 pub(super) fn area<const B: usize>(block: &Block<B>, watertight: bool) -> f32 {
     let [a, b, c] = &block.vertices;
     // The compiler makes vectors of the lanes.

@@ -8,7 +8,6 @@ pub(super) struct Link(u32);
 
 const LEAF_BIT: u32 = 1 << 31;
 
-/// The node or leaf that a [`Link`] names.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Named {
     Node(usize),
@@ -64,7 +63,6 @@ pub(super) struct Plan {
 }
 
 impl Plan {
-    /// An empty plan with room for these numbers.
     pub(super) fn with_capacity(nodes: usize, leaves: usize, references: usize) -> Self {
         Self {
             root: Child { bounds: Bounds::EMPTY, link: Link::leaf(0) },

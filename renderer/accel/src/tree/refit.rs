@@ -9,7 +9,6 @@ use glam::Vec3A;
 use crate::geometry::Triangles;
 use crate::layout::{Block, Bounds, NodeRef, TreeNode, WIDTH_MAX};
 
-/// The result of refitting a subtree.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Fitted {
     pub(super) bounds: Bounds,

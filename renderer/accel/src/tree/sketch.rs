@@ -24,7 +24,6 @@ pub(super) struct SketchRef(*mut u8);
 
 const LEAF_BIT: usize = 1;
 
-/// The node or leaf that a [`SketchRef`] refers to.
 pub(super) enum Sketched<'a> {
     Node(&'a Sketch),
     Leaf(u32),

@@ -63,7 +63,6 @@ impl TwoLevel {
         Ok(())
     }
 
-    /// The places of objects that have triangles.
     fn places(&self) -> Vec<Place> {
         let is_there = |bounds: Bounds| bounds.lower[0] <= bounds.upper[0];
         (0..)

@@ -113,7 +113,6 @@ impl<'a> Builds<'a> {
     }
 }
 
-/// A configuration of the user's.
 fn own(name: &str, space: &TuningSpace, configuration: &Configuration) -> Result<Contender> {
     let own = contender(Who::Named(name.to_owned().into()), space, configuration)?;
     note_retired(space, configuration);

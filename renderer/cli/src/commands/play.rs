@@ -341,7 +341,6 @@ impl Flight {
         Ok(true)
     }
 
-    /// Builds a structure of a choice over the scene as it is now.
     fn build(&mut self, choice: Choice) -> Result<(), Outcome> {
         let moment = self.moment.take();
         let (built, threads) = of_process(|| match &moment {
@@ -463,7 +462,6 @@ fn summarise(frames: &[PlayedFrame], baseline: &str) {
     }
 }
 
-/// The frames that cost more than they did with the baseline.
 fn safety(frames: &[PlayedFrame]) -> Option<Safety> {
     let costs = frames.iter().filter_map(PlayedFrame::costs);
     Safety::of(costs.map(|[own_ms, default_ms]| (1, own_ms / default_ms)), 1.0)

@@ -428,7 +428,6 @@ impl Judge<'_> {
     }
 }
 
-/// The description of a scene for people.
 fn facts(scene: &Scene, renderer: &Renderer) -> SceneFacts {
     SceneFacts {
         name: scene.name.clone(),

@@ -137,7 +137,6 @@ impl Arguments {
         self.frames.unwrap_or(1)
     }
 
-    /// The conditions of the measurements after the search.
     pub(super) fn conditions(&self, camera: Camera) -> Conditions {
         Conditions {
             view: self.view.frame.view(camera),

@@ -75,7 +75,6 @@ pub(super) fn headline(results: &TuningResults) -> String {
     }
 }
 
-/// The gain and its parts.
 pub(crate) fn gains(results: &TuningResults) -> String {
     let gains = &results.gains;
     let begin = format!("The best over {}, where the search began", the(&results.began_at));
@@ -296,7 +295,6 @@ pub(super) fn pictures(results: &TuningResults, difference: f64, samples: u32) -
     )
 }
 
-/// An introduction to the tuned space.
 pub(super) fn what_was_tuned(results: &TuningResults) -> &'static str {
     match results.space {
         Preset::Paper => {

@@ -50,7 +50,6 @@ impl Paint for Material {
     }
 }
 
-/// The state of one generator.
 pub(super) struct Generator<'a> {
     pub(super) assembler: &'a mut Assembler,
     dice: ChaCha8Rng,

@@ -78,7 +78,6 @@ columns! {
         pub(super) smooth: Column<u32>,
     }
 
-    /// Where paths meet triangles.
     #[derive(Clone, Debug)]
     pub(super) struct Surfaces {
         pub(super) position: Vectors,
@@ -101,7 +100,6 @@ columns! {
         losses: [Column; 4],
     }
 
-    /// The lamps that were picked.
     #[derive(Clone, Debug)]
     pub(super) struct Lamps {
         corner: Vectors,

@@ -43,7 +43,6 @@ pub(crate) trait PacketLeaves {
     type Rays: Lanes;
     type Tree: Copy;
 
-    /// Prepares for these rays.
     unsafe fn new(tree: Self::Tree, rays: &Bundle) -> Self;
 
     /// Replaces the hits of `active` rays by nearer ones in the leaf.
@@ -163,7 +162,6 @@ pub(crate) unsafe fn closest<N: Planes, F: Order, X: PacketBoxes<N>, P: PacketLe
     }
 }
 
-/// Each of these rays by itself.
 #[inline(always)]
 unsafe fn closest_alone<P: PacketLeaves>(
     node: NodeRef,

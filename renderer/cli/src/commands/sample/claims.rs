@@ -12,7 +12,6 @@ use treewright_renderer::tuning::sampling::{SAMPLE, SEQUENCE};
 /// Number of others' open trials at which they are read again: most are complete by then.
 const HELD_MAX: usize = 32;
 
-/// A trial that another renderer has open.
 #[derive(Clone, Debug)]
 struct Held {
     name: String,
@@ -108,7 +107,6 @@ impl Claims {
         self.done.get(&sequence).map_or(0, |done| done.range(..samples).count() as u64)
     }
 
-    /// Whether another renderer is measuring this.
     pub(super) fn is_held(&self, state: &Indicators, configuration: &Configuration) -> bool {
         self.held.values().any(|held| held.configuration == *configuration && held.state == *state)
     }
