@@ -15,7 +15,7 @@ thread_local! {
     static BUFFERS: RefCell<Buffers> = RefCell::default();
 }
 
-/// Adds one sample to each pixel of the film, numbered as the film's next, on the rayon pool it is called in.
+/// Adds one sample to each pixel of the film, as its next one, on the rayon pool it is called in.
 /// `needs` are those of the scene, or more, which changes no picture.
 ///
 /// No tile begins after `until`. Returns whether there was time for all tiles; a film that lacks some is of no
