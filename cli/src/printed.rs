@@ -84,7 +84,6 @@ pub struct Wanted<'a> {
 
 /// Reads an output. `taken` is what was measured from outside; a number that the program prints under that
 /// name counts in its place.
-#[must_use]
 pub fn read(out: &str, wanted: Wanted<'_>, taken: &Measurements) -> Printed {
     let Wanted { terms, maximised, limits, most } = wanted;
     let found = match last_object(out) {

@@ -36,7 +36,6 @@ pub enum TokenCommandError {
 
 impl TokenCommandError {
     /// The exit code, as for `serve`.
-    #[must_use]
     pub fn exit_code(&self) -> u8 {
         if matches!(self, Self::Database(_)) { 4 } else { 1 }
     }

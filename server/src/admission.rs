@@ -46,7 +46,6 @@ impl Default for Admission {
 
 impl Admission {
     /// Admits work up to `limits` at once.
-    #[must_use]
     pub fn new(limits: AdmissionLimits) -> Self {
         let can_be_waited_for = |limit: usize| limit > 0 && u32::try_from(limit).is_ok();
         assert!(can_be_waited_for(limits.requests) && can_be_waited_for(limits.streams), "{limits:?}");
@@ -85,19 +84,16 @@ impl Admission {
     }
 
     /// Whether the daemon is draining.
-    #[must_use]
     pub fn is_draining(&self) -> bool {
         *self.draining.borrow()
     }
 
     /// The most work at once.
-    #[must_use]
     pub fn limits(&self) -> AdmissionLimits {
         self.limits
     }
 
     /// Requests and streams in progress.
-    #[must_use]
     pub fn in_progress(&self) -> (usize, usize) {
         let taken = |places: &Semaphore, limit: usize| {
             let free = places.available_permits();

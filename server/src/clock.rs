@@ -49,7 +49,6 @@ pub struct SteadyClock {
 
 impl SteadyClock {
     /// A clock that begins with the system's time.
-    #[must_use]
     pub fn new() -> Self {
         let steady = Steady { since: Duration::ZERO, shown: since_1970() };
         Self { begun: Instant::now(), steady: Mutex::new(steady) }
@@ -106,7 +105,6 @@ pub struct ManualClock {
 
 impl ManualClock {
     /// A clock that shows `now_ms`.
-    #[must_use]
     pub fn at(now_ms: i64) -> Self {
         Self { now_ms: AtomicI64::new(now_ms) }
     }

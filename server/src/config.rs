@@ -206,7 +206,6 @@ impl ServeConfig {
     }
 
     /// The other dashboards, each with its token.
-    #[must_use]
     pub fn named_dashboards(&self) -> Vec<DashboardPeer> {
         let token = |name: &str| self.dashboard_token_files.iter().find(|token| token.name == name);
         let peers = self.dashboard_peers.iter().cloned();
@@ -266,7 +265,6 @@ impl ServeConfig {
 
     /// The address of this daemon for others on its database; it listens there.
     #[cfg(feature = "postgres")]
-    #[must_use]
     pub fn advertised(&self, listening: SocketAddr) -> String {
         self.peers.advertise.clone().unwrap_or_else(|| {
             let scheme = if self.guard.tls_cert.is_some() { "https" } else { "http" };
@@ -275,13 +273,11 @@ impl ServeConfig {
     }
 
     /// The idle time after which the daemon ends.
-    #[must_use]
     pub fn idle_exit(&self) -> Option<Duration> {
         self.idle_exit_s.map(Duration::from_secs)
     }
 
     /// How long draining may take.
-    #[must_use]
     pub fn drain(&self) -> Duration {
         Duration::from_secs(self.drain_s)
     }

@@ -53,7 +53,6 @@ pub enum DaemonError {
 
 impl DaemonError {
     /// The exit code; 2 is wrong usage, which the command line answers itself.
-    #[must_use]
     pub fn exit_code(&self) -> u8 {
         match self {
             Self::Serve(_) | Self::System(_) | Self::Tls(_) => 1,

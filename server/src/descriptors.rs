@@ -20,7 +20,6 @@ pub struct DescriptorShares {
 
 impl DescriptorShares {
     /// Shares out `descriptors` descriptors.
-    #[must_use]
     pub fn of(descriptors: usize) -> Self {
         let pages = (descriptors / 16).clamp(1, limits::PAGES_CONNECTIONS);
         let others = limits::DESCRIPTORS_OWN + 2 * pages;
@@ -31,7 +30,6 @@ impl DescriptorShares {
     }
 
     /// The limits of connections, with the requested numbers, if any.
-    #[must_use]
     pub fn limits(&self, total: Option<usize>, per_address: Option<usize>) -> ConnectionLimits {
         let total = total.unwrap_or(limits::CONNECTIONS).min(self.connections);
         assert!(total > 0, "of {} connections none is to be had", self.connections);

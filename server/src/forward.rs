@@ -35,7 +35,6 @@ pub struct ForwardLayer {
 
 impl ForwardLayer {
     /// Forwards to these replicas, if there are any.
-    #[must_use]
     pub fn new(peers: Option<Arc<Peers>>) -> Self {
         Self { peers }
     }

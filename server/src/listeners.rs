@@ -108,25 +108,21 @@ impl Listeners {
     }
 
     /// Whether there is no socket.
-    #[must_use]
     pub fn is_empty(&self) -> bool {
         self.tcp.is_empty() && self.unix.is_empty()
     }
 
     /// The first TCP address that is listened on.
-    #[must_use]
     pub fn address(&self) -> Option<SocketAddr> {
         self.tcp.first()?.local_addr().ok()
     }
 
     /// Every TCP address that is listened on.
-    #[must_use]
     pub fn addresses(&self) -> Vec<SocketAddr> {
         self.tcp.iter().filter_map(|one| one.local_addr().ok()).collect()
     }
 
     /// Every address, as a client writes it; `scheme` is that of TCP.
-    #[must_use]
     pub fn urls(&self, scheme: &str) -> Vec<String> {
         let tcp = self.tcp.iter().filter_map(|one| Some(format!("{scheme}://{}", one.local_addr().ok()?)));
         let path =

@@ -9,7 +9,6 @@ use crate::administration::CommandOutput;
 use crate::config::{BackupConfig, FileDatabase, RestoreConfig};
 
 /// Exit code of a failed command: that of `serve` where the database is at fault.
-#[must_use]
 pub fn exit_code(error: &MaintenanceError) -> u8 {
     match error {
         MaintenanceError::Open(_) | MaintenanceError::Damaged { .. } | MaintenanceError::Unfit { .. } => 4,
@@ -43,7 +42,6 @@ pub async fn back_up(config: &BackupConfig) -> Result<CommandOutput, Maintenance
 
 /// The file beside a database whose date is that of the last backup. A link to a database stands for the file
 /// that it names.
-#[must_use]
 pub fn backup_mark(database: &Path) -> PathBuf {
     let mut name = database.canonicalize().unwrap_or_else(|_| database.to_owned()).into_os_string();
     name.push("-last-backup");

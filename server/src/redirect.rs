@@ -32,7 +32,6 @@ pub enum Redirect {
 
 impl Redirect {
     /// The redirect of an error; none where it is final.
-    #[must_use]
     pub fn of(error: &Error) -> Option<Self> {
         match error {
             Error::Store(StoreError::Elsewhere { study, address }) => {
@@ -61,7 +60,6 @@ impl Redirect {
     }
 
     /// Reads it from the headers of an answer.
-    #[must_use]
     pub fn read(headers: &http::HeaderMap) -> Option<Self> {
         let text = |name| headers.get(name)?.to_str().ok().map(str::to_owned);
         let study = text(STUDY)?;

@@ -27,13 +27,11 @@ pub struct Refusals {
 
 impl Refusals {
     /// Counts refusals in `metrics`.
-    #[must_use]
     pub fn new(metrics: Arc<Metrics>) -> Self {
         Self { metrics, begun: Instant::now(), lines: Arc::default() }
     }
 
     /// The metrics in which refusals are counted.
-    #[must_use]
     pub fn metrics(&self) -> &Arc<Metrics> {
         &self.metrics
     }

@@ -16,13 +16,11 @@ use crate::limits::{LOADING_RETRY, MESSAGE_BYTES};
 use crate::redirect::Redirect;
 
 /// The canonical code of an error.
-#[must_use]
 pub fn code(error: &Error) -> Code {
     code_and_reason(error).0
 }
 
 /// The kind of an error in one word, for counting. `store` is a failing database, which no client can cause.
-#[must_use]
 pub fn reason(error: &Error) -> &'static str {
     code_and_reason(error).1
 }
@@ -92,7 +90,6 @@ fn of_store(error: &StoreError) -> (Code, &'static str) {
 const MALFORMED: [&str; 2] = ["failed to decode Protobuf message", "protocol error: "];
 
 /// A status with its proper code: INVALID_ARGUMENT for a message that cannot be read.
-#[must_use]
 pub fn corrected(status: Status) -> Status {
     let is_malformed = MALFORMED.iter().any(|begin| status.message().starts_with(begin));
     if status.code() == Code::Internal && is_malformed {
@@ -123,7 +120,6 @@ pub const REASONS: [&str; 17] = [
 ];
 
 /// The wait before another try of a request; `None` where waiting does not help.
-#[must_use]
 pub fn retry_after(error: &Error) -> Option<Duration> {
     const SOON: Duration = Duration::from_millis(100);
     const LATER: Duration = Duration::from_secs(1);
@@ -140,7 +136,6 @@ pub fn retry_after(error: &Error) -> Option<Duration> {
 
 /// The words of an error for a client and for the log. What a client wrote may stand in them, and is cut
 /// where it is too long.
-#[must_use]
 pub fn message(error: &Error) -> String {
     let mut text = error.to_string();
     if text.len() > MESSAGE_BYTES {

@@ -93,20 +93,17 @@ impl Tls {
     }
 
     /// The configuration of a new connection.
-    #[must_use]
     pub fn current(&self) -> Arc<ServerConfig> {
         Arc::clone(&self.current.read().unwrap_or_else(PoisonError::into_inner).server)
     }
 
     /// The configuration of a new connection to another replica, and a number that rises when it changes.
-    #[must_use]
     pub fn outgoing(&self) -> (u64, ClientTlsConfig) {
         let made = self.current.read().unwrap_or_else(PoisonError::into_inner);
         (made.number, made.client.clone())
     }
 
     /// The earliest end of the certificates in force, in seconds since 1970.
-    #[must_use]
     pub fn expiry_s(&self) -> i64 {
         self.current.read().unwrap_or_else(PoisonError::into_inner).expiry_s
     }

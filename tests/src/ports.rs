@@ -14,7 +14,6 @@ const COUNT: u32 = 20_000;
 ///
 /// # Panics
 /// When none of a thousand ports is free.
-#[must_use]
 pub fn lasting_address() -> String {
     format!("127.0.0.1:{}", lasting_port())
 }
@@ -23,7 +22,6 @@ pub fn lasting_address() -> String {
 ///
 /// # Panics
 /// When none of a thousand ports is free.
-#[must_use]
 pub fn lasting_port() -> u16 {
     static NEXT: AtomicU32 = AtomicU32::new(0);
     // Test programs that run at the same time begin far from one another.

@@ -71,7 +71,6 @@ macro_rules! define_conversion {
             in $range:expr, as $placeholder:literal;
     )+) => {
         /// A policy's settings.
-        #[must_use]
         pub fn policy_to_wire(policy: PolicySettings) -> v1::Policy {
             v1::Policy {
                 $($name: WireField::to_wire(policy.$name),)+

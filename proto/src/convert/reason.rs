@@ -6,7 +6,6 @@ use super::{WireEnum, configuration_to_wire, signed};
 use crate::v1;
 
 /// The reason of an answer.
-#[must_use]
 pub fn reason_to_wire(reason: &Reason) -> v1::Reason {
     v1::Reason {
         summary: reason.summary.clone(),

@@ -6,7 +6,6 @@ use crate::convert::{timestamp_from_wire, timestamp_to_wire};
 use crate::v1;
 
 /// `None` for a policy without fields.
-#[must_use]
 pub fn session_policy_to_wire(policy: SessionPolicy) -> Option<v1::SessionPolicy> {
     let SessionPolicy { epsilon, trials_per_state, abort_above, explore_until_ms } = policy;
     // It was checked against a limit far below.
@@ -21,7 +20,6 @@ pub fn session_policy_to_wire(policy: SessionPolicy) -> Option<v1::SessionPolicy
 }
 
 /// The policy as sent: a caller validates it before use.
-#[must_use]
 pub fn session_policy_from_wire(wire: v1::SessionPolicy) -> SessionPolicy {
     let v1::SessionPolicy { epsilon, trials_per_state, abort_above, explore_until } = wire;
     // A negative number is as far out of its range as 0.

@@ -8,7 +8,6 @@ use super::{Malformed, WireEnum};
 use crate::v1;
 
 /// A space.
-#[must_use]
 pub fn space_to_wire(space: &Space) -> v1::Space {
     v1::Space {
         parameters: space.parameters().iter().map(parameter_to_wire).collect(),

@@ -7,7 +7,6 @@ use super::{WireEnum, signed, unsigned};
 use crate::v1;
 
 /// The standing of a state's answer.
-#[must_use]
 pub fn standing_to_wire(standing: &Standing) -> v1::Standing {
     let Confirmation { stage, rounds, rounds_max, measurements, gain } = standing.confirmation;
     v1::Standing {
@@ -29,7 +28,6 @@ pub fn standing_to_wire(standing: &Standing) -> v1::Standing {
 }
 
 /// Reads the standing of a state's answer. A stage of a newer version counts as one in progress.
-#[must_use]
 pub fn standing_from_wire(wire: v1::Standing) -> Standing {
     let confirmation = wire.confirmation.unwrap_or_default();
     let stage = ConfirmationStage::from_number(confirmation.stage).and_then(OpenEnum::known);

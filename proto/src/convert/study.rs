@@ -16,7 +16,6 @@ use crate::v1;
 mod testing;
 
 /// A specification, without the daemon's own fields (name, identity, revision, time and statistics).
-#[must_use]
 pub fn spec_to_wire<P: Clone + Into<PolicySettings>>(spec: &StudySpec<P>) -> v1::Study {
     let indicator = |indicator: &Indicator| v1::Indicator {
         name: indicator.name.clone(),

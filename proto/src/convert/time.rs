@@ -3,14 +3,12 @@
 use prost_types::Timestamp;
 
 /// Milliseconds since 1970 as a timestamp of the wire.
-#[must_use]
 pub fn timestamp_to_wire(ms: i64) -> Timestamp {
     // Below 10^9.
     Timestamp { seconds: ms.div_euclid(1000), nanos: (ms.rem_euclid(1000) * 1_000_000) as i32 }
 }
 
 /// Milliseconds since 1970, rounded down. Times that do not fit become the nearest that do.
-#[must_use]
 pub fn timestamp_from_wire(wire: Timestamp) -> i64 {
     wire.seconds.saturating_mul(1000).saturating_add(i64::from(wire.nanos).div_euclid(1_000_000))
 }

@@ -6,7 +6,6 @@ use super::{Malformed, Values, WireEnum, configuration_to_wire, reason_to_wire, 
 use crate::v1;
 
 /// A trial under its resource name.
-#[must_use]
 pub fn trial_to_wire<C: Values>(name: String, trial: &Trial<C>) -> v1::Trial {
     v1::Trial {
         name,
@@ -35,7 +34,6 @@ pub fn trial_to_wire<C: Values>(name: String, trial: &Trial<C>) -> v1::Trial {
 }
 
 /// The outcome of a trial.
-#[must_use]
 pub fn outcome_to_wire(outcome: &Outcome) -> v1::Outcome {
     use v1::outcome::Kind;
     let kind = match outcome {
@@ -48,7 +46,6 @@ pub fn outcome_to_wire(outcome: &Outcome) -> v1::Outcome {
 }
 
 /// Reads the outcome of a trial; `None` for an unknown kind, or none.
-#[must_use]
 pub fn outcome_from_wire(outcome: v1::Outcome) -> Option<Outcome> {
     use v1::outcome::Kind;
     Some(match outcome.kind? {
@@ -60,7 +57,6 @@ pub fn outcome_from_wire(outcome: v1::Outcome) -> Option<Outcome> {
 }
 
 /// A machine and its software.
-#[must_use]
 pub fn fingerprint_to_wire(fingerprint: &Fingerprint) -> v1::Fingerprint {
     v1::Fingerprint {
         cpu_model: fingerprint.cpu_model.clone(),

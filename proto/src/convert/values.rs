@@ -7,7 +7,6 @@ use super::Malformed;
 use crate::v1;
 
 /// A value of a parameter.
-#[must_use]
 pub fn value_to_wire(value: &Value) -> v1::Value {
     use v1::value::Kind;
     let kind = match value {
@@ -60,7 +59,6 @@ impl Values for RawConfiguration {
 }
 
 /// A configuration.
-#[must_use]
 pub fn configuration_to_wire(configuration: &impl Values) -> v1::Configuration {
     let values = configuration.values().iter().map(|(name, value)| (name.clone(), value_to_wire(value)));
     v1::Configuration { values: values.collect() }
@@ -82,7 +80,6 @@ pub fn configuration_from_wire(field: &str, wire: v1::Configuration) -> Result<R
 }
 
 /// Reads the known values of a configuration. The second part names parameters with values of unknown kinds.
-#[must_use]
 pub fn readable_configuration(wire: v1::Configuration) -> (RawConfiguration, Vec<String>) {
     let (mut values, mut unreadable) = (RawConfiguration::new(), Vec::new());
     for (name, wire) in wire.values {

@@ -197,7 +197,6 @@ impl std::fmt::Debug for Holder {
 
 impl Caller {
     /// The token's public part; empty where none is required.
-    #[must_use]
     pub fn id(&self) -> &str {
         match self {
             Self::Anyone => "",
@@ -218,13 +217,11 @@ impl Caller {
     }
 
     /// Whether some studies are hidden from the caller.
-    #[must_use]
     pub fn is_limited(&self) -> bool {
         matches!(self, Self::Holder(holder) if holder.stored().is_none_or(|terms| !terms.studies.0.is_empty()))
     }
 
     /// Whether the caller may know of a study.
-    #[must_use]
     pub fn sees(&self, study: &str) -> bool {
         match self {
             Self::Anyone => true,

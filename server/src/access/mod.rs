@@ -64,7 +64,6 @@ impl Access {
     }
 
     /// The number of tokens that are valid at the moment.
-    #[must_use]
     pub fn live(&self) -> usize {
         let now_ms = self.clock.now_ms();
         let known = self.known.read().unwrap_or_else(PoisonError::into_inner);
@@ -290,7 +289,6 @@ pub enum Authorization<'a> {
 
 impl<'a> Authorization<'a> {
     /// Reads the authorization from the headers.
-    #[must_use]
     pub fn of(headers: &'a http::HeaderMap) -> Self {
         let mut values = headers.get_all(http::header::AUTHORIZATION).iter();
         let (Some(value), None) = (values.next(), values.next()) else {

@@ -57,7 +57,6 @@ pub const RULES: &[AccessRule] = &[
 ];
 
 /// The rule for a path. Unknown paths need the widest scope, and are then answered UNIMPLEMENTED.
-#[must_use]
 pub fn rule_for(path: &str) -> AccessRule {
     let known = RULES.iter().find(|rule| rule.path == path);
     known.copied().unwrap_or(AccessRule { path: "", rpc: "unknown", need: ADMIN })

@@ -39,7 +39,6 @@ impl Token {
     }
 
     /// Reads a token; `None` if the text has another form.
-    #[must_use]
     pub fn parse(text: &str) -> Option<Self> {
         let (id, secret) = text.strip_prefix(TOKEN_MARK)?.split_once('_')?;
         let plain = id.len() == ID_DIGITS && id.bytes().all(|b| matches!(b, b'0'..=b'9' | b'a'..=b'f'));
@@ -51,13 +50,11 @@ impl Token {
     }
 
     /// The public part.
-    #[must_use]
     pub fn id(&self) -> &str {
         &self.id
     }
 
     /// The whole token, to be shown to its holder once.
-    #[must_use]
     pub fn text(&self) -> String {
         let text = format!("{TOKEN_MARK}{}_{}", self.id, URL_SAFE_NO_PAD.encode(self.secret));
         assert_eq!(text.len(), TOKEN_MARK.len() + ID_DIGITS + 1 + SECRET_CHARACTERS);
@@ -67,13 +64,11 @@ impl Token {
     }
 
     /// The stored hash of the secret.
-    #[must_use]
     pub fn hash(&self) -> [u8; 32] {
         Sha256::digest(self.secret).into()
     }
 
     /// Whether this is the token with that hash. The comparison takes constant time.
-    #[must_use]
     pub fn fits(&self, hash: &[u8; 32]) -> bool {
         self.hash().ct_eq(hash).into()
     }

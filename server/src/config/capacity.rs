@@ -37,14 +37,12 @@ pub struct CapacityConfig {
 
 impl CapacityConfig {
     /// The limits of connections within these shares of descriptors.
-    #[must_use]
     pub fn connections(&self, shares: &DescriptorShares) -> ConnectionLimits {
         let count = |asked: Option<u32>| asked.map(|asked| asked as usize);
         shares.limits(count(self.max_connections), count(self.max_connections_per_address))
     }
 
     /// The most work at once.
-    #[must_use]
     pub fn admission(&self) -> AdmissionLimits {
         AdmissionLimits { requests: self.max_requests as usize, streams: self.max_streams as usize }
     }

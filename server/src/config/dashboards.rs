@@ -27,7 +27,6 @@ pub struct DashboardToken {
 
 impl DashboardPeer {
     /// Its address without a slash at the end.
-    #[must_use]
     pub fn url(&self) -> String {
         format!("http://{}", self.authority)
     }

@@ -59,7 +59,6 @@ pub enum Database {
 
 impl Database {
     /// Whether several daemons may share it.
-    #[must_use]
     pub fn is_shared(&self) -> bool {
         !matches!(self, Self::File(_))
     }
@@ -110,7 +109,6 @@ impl DatabaseConfig {
     }
 
     /// How long to wait for a server.
-    #[must_use]
     pub fn wait(&self) -> Duration {
         Duration::from_secs(self.database_wait_s)
     }

@@ -46,7 +46,6 @@ impl GuardConfig {
     }
 
     /// Whether callers must show a token.
-    #[must_use]
     pub fn asks_for_tokens(&self, listen: SocketAddr) -> bool {
         self.tokens || (!listen.ip().is_loopback() && !self.insecure)
     }

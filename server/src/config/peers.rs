@@ -29,7 +29,6 @@ pub struct PeersConfig {
 
 impl PeersConfig {
     /// The certificates, if there is to be TLS.
-    #[must_use]
     pub fn tls_files(&self, guard: &GuardConfig) -> Option<TlsFiles> {
         let (certificate, key) = (guard.tls_cert.clone()?, guard.tls_key.clone()?);
         Some(TlsFiles {

@@ -91,13 +91,11 @@ pub struct CreateConfig {
 
 impl CreateConfig {
     /// The studies it is good for.
-    #[must_use]
     pub fn reach(&self) -> Studies {
         Studies(self.studies.clone())
     }
 
     /// The quota of the new token.
-    #[must_use]
     pub fn quota(&self) -> Quota {
         Quota {
             requests_per_s: self.requests_per_s,

@@ -35,7 +35,6 @@ pub struct ConnectionLimits {
 
 impl ConnectionLimits {
     /// At most `total` connections, of which half may be newcomers.
-    #[must_use]
     pub fn new(total: usize, per_address: usize) -> Self {
         Self { total, newcomers: (total / 2).max(1), per_address }
     }

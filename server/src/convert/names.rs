@@ -92,13 +92,11 @@ pub fn trial(field: &str, name: &str) -> Result<TrialName, Error> {
 }
 
 /// Writes `studies/{study}`.
-#[must_use]
 pub fn study_name(study: &str) -> String {
     format!("studies/{study}")
 }
 
 /// Writes `studies/{study}/trials/{trial}`.
-#[must_use]
 pub fn trial_name(study: &StudyName, number: u64) -> String {
     format!("{study}/trials/{number}")
 }

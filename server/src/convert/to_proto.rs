@@ -14,7 +14,6 @@ use super::insight;
 use super::names::{StudyName, study_name, trial_name};
 
 /// A study with its counts.
-#[must_use]
 pub fn study(record: &StudyRecord) -> v1::Study {
     let statistics = &record.statistics;
     v1::Study {
@@ -33,13 +32,11 @@ pub fn study(record: &StudyRecord) -> v1::Study {
 }
 
 /// A trial of a study, under the request's name of the study.
-#[must_use]
 pub fn trial<C: Values>(study: &StudyName, trial: &Trial<C>) -> v1::Trial {
     trial_to_wire(trial_name(study, trial.number), trial)
 }
 
 /// A prediction.
-#[must_use]
 pub fn prediction(prediction: &Prediction) -> v1::PredictResponse {
     v1::PredictResponse {
         configuration: Some(configuration_to_wire(&prediction.configuration)),
@@ -51,7 +48,6 @@ pub fn prediction(prediction: &Prediction) -> v1::PredictResponse {
 }
 
 /// The best known configuration, or without its standing what takes its place.
-#[must_use]
 pub fn best(study: &StudyName, best: &Best, is_best: bool) -> v1::Best {
     v1::Best {
         configuration: Some(configuration_to_wire(&best.configuration)),

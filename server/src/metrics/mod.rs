@@ -183,7 +183,6 @@ impl Default for Metrics {
 
 impl Metrics {
     /// Figures that all stand at 0.
-    #[must_use]
     pub fn new() -> Self {
         let metrics = Self {
             registry: Mutex::new(Registry::with_prefix("treewright")),

@@ -24,7 +24,6 @@ pub struct ReplicaKey(HeaderValue);
 
 impl ReplicaKey {
     /// The key of these bytes.
-    #[must_use]
     pub fn new(bytes: &[u8; 32]) -> Self {
         // With the mark of a token, so that the log hides it as well.
         let text = format!("{TOKEN_MARK}replicas_{}", URL_SAFE_NO_PAD.encode(bytes));

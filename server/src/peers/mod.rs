@@ -114,7 +114,6 @@ impl Patience {
 impl Peers {
     /// The replicas that share `store`; none for a store of one process. `tls` is used for replicas that
     /// speak TLS.
-    #[must_use]
     pub fn of(store: &Arc<dyn Store>, tls: Option<Arc<Tls>>, refusals: Refusals) -> Option<Arc<Self>> {
         let key = ReplicaKey::new(&store.replica_key()?);
         let links = Links::new(tls, Arc::clone(refusals.metrics()));
@@ -122,7 +121,6 @@ impl Peers {
     }
 
     /// The key by which replicas recognise each other's requests.
-    #[must_use]
     pub fn key(&self) -> &ReplicaKey {
         &self.key
     }

@@ -39,14 +39,12 @@ pub struct Service {
 
 impl Service {
     /// The service on its use cases, without access control.
-    #[must_use]
     pub fn new(tuning: Arc<Tuning>, admission: Admission) -> Self {
         let refusals = Refusals::new(Arc::clone(tuning.metrics()));
         Self { tuning, admission, peers: None, behind_middleware: false, refusals }
     }
 
     /// The service behind the [middleware](crate::middleware): a request that did not pass it is refused.
-    #[must_use]
     pub fn behind_middleware(tuning: Arc<Tuning>, admission: Admission, refusals: Refusals) -> Self {
         Self { behind_middleware: true, refusals, ..Self::new(tuning, admission) }
     }

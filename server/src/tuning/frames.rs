@@ -30,7 +30,6 @@ pub struct FrameAnswer {
 
 impl FrameAnswer {
     /// The place for another try of the rest.
-    #[must_use]
     pub fn redirect(&self) -> Option<Redirect> {
         let reported = self.reported.as_ref().and_then(|result| result.as_ref().err());
         let suggested = self.suggested.as_ref().and_then(|result| result.as_ref().err());

@@ -73,7 +73,6 @@ struct Runtimes {
 
 impl Tuning {
     /// The use cases on a store and a clock.
-    #[must_use]
     pub fn new(store: Arc<dyn Store>, clock: Arc<dyn Clock>) -> Self {
         let environment =
             Arc::new(Environment { store, clock, metrics: Arc::default(), presence: Arc::default() });
@@ -90,7 +89,6 @@ impl Tuning {
     }
 
     /// The metrics.
-    #[must_use]
     pub fn metrics(&self) -> &Arc<Metrics> {
         &self.environment.metrics
     }
@@ -100,7 +98,6 @@ impl Tuning {
     }
 
     /// The time of the clock for leases, in milliseconds since 1970.
-    #[must_use]
     pub fn now_ms(&self) -> i64 {
         self.environment.clock.now_ms()
     }

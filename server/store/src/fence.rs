@@ -28,7 +28,6 @@ struct FenceState {
 
 impl Fence {
     /// A fence that holds, for stores outside this crate. `key` finds the study in their tables.
-    #[must_use]
     pub fn new(study: &str, key: i64) -> Self {
         Self::of_epoch(study, key, 0)
     }
@@ -39,7 +38,6 @@ impl Fence {
     }
 
     /// The study's id.
-    #[must_use]
     pub fn study(&self) -> &str {
         &self.0.study
     }
@@ -54,13 +52,11 @@ impl Fence {
     }
 
     /// Whether the loaded copy is still current. Once false, it stays false: load again.
-    #[must_use]
     pub fn holds(&self) -> bool {
         !self.0.broken.load(Ordering::Acquire)
     }
 
     /// Whether both come from one load.
-    #[must_use]
     pub fn is_same(&self, other: &Self) -> bool {
         Arc::ptr_eq(&self.0, &other.0)
     }

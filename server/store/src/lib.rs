@@ -43,7 +43,6 @@ pub use store::{
 pub use tokens::{MemoryTokens, TokenStore};
 
 /// Whether `text` is the address of a PostgreSQL database rather than the path of a file.
-#[must_use]
 pub fn is_postgres_address(text: &str) -> bool {
     text.starts_with("postgres://") || text.starts_with("postgresql://")
 }

@@ -71,13 +71,11 @@ struct MemoryStudy {
 
 impl MemoryStore {
     /// An empty store.
-    #[must_use]
     pub fn new() -> Self {
         Self::default()
     }
 
     /// An empty store with faults.
-    #[must_use]
     pub fn with(faults: Faults) -> Self {
         Self { faults, ..Self::default() }
     }

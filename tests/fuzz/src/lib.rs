@@ -14,7 +14,6 @@ pub mod scenes;
 pub mod studies;
 
 /// A target by name, with bytes that are no text passed over where it wants text.
-#[must_use]
 pub fn target(name: &str) -> Option<fn(&[u8])> {
     Some(match name {
         "arguments" => |bytes| std::str::from_utf8(bytes).map_or((), arguments::run),

@@ -83,7 +83,6 @@ pub struct Plan {
 
 impl Plan {
     /// The plan of a seed.
-    #[must_use]
     pub fn of(seed: u64, steps: u64, bug: Option<Bug>) -> Self {
         let mut random = ChaCha8Rng::seed_from_u64(seed ^ 0x7ee5_7ee5);
         let mut chance = |share: f64| random.random::<f64>() < share;

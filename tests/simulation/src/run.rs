@@ -18,7 +18,6 @@ const QUIET: Duration = Duration::from_secs(900);
 ///
 /// # Panics
 /// When the runtime cannot be built, or the simulator itself has a defect.
-#[must_use]
 pub fn run(plan: Plan) -> Outcome {
     let runtime = tokio::runtime::Builder::new_current_thread()
         .enable_time()

@@ -10,7 +10,6 @@ use super::{Field, FieldComparison, Filter, Literal, Operator};
 
 impl Filter {
     /// Whether every comparison holds for `trial`.
-    #[must_use]
     pub fn matches(&self, trial: &RawTrial) -> bool {
         self.comparisons.iter().all(|comparison| comparison.holds(trial))
     }

@@ -65,7 +65,6 @@ pub enum Operator {
 
 impl Operator {
     /// The operator as it is written, in the filter and in SQL alike (`!=` is common to both).
-    #[must_use]
     pub fn symbol(self) -> &'static str {
         match self {
             Self::Equal => "=",
@@ -78,7 +77,6 @@ impl Operator {
     }
 
     /// Whether the operator needs no order between the values.
-    #[must_use]
     pub fn is_equality(self) -> bool {
         matches!(self, Self::Equal | Self::NotEqual)
     }

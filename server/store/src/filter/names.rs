@@ -11,7 +11,6 @@ use super::{Field, Filter, FilterError};
 
 impl Filter {
     /// Whether there are names to check with [`check_names`](Self::check_names).
-    #[must_use]
     pub fn has_names(&self) -> bool {
         let mut comparisons = self.comparisons.iter();
         comparisons.any(|one| matches!(one.field, Field::Configuration(_) | Field::Indicator(_)))

@@ -69,7 +69,6 @@ impl Order {
 
     /// The value by which `trial` is ordered; without one it comes last. Both zeros are one value, as they
     /// are to databases.
-    #[must_use]
     #[allow(clippy::cast_precision_loss)] // Numbers are far below 2^53.
     pub fn value<C>(&self, trial: &Trial<C>) -> Option<f64> {
         let value = match &self.key {
@@ -82,13 +81,11 @@ impl Order {
     }
 
     /// The place of `trial` in this order: a page can go on behind it.
-    #[must_use]
     pub fn place<C>(&self, trial: &Trial<C>) -> Cursor {
         Cursor { value: self.value(trial), number: i64::try_from(trial.number).unwrap_or(i64::MAX) }
     }
 
     /// The order of two rows.
-    #[must_use]
     pub fn compare(&self, left: &Cursor, right: &Cursor) -> Ordering {
         let values = match (left.value, right.value) {
             (Some(left), Some(right)) if self.descending => right.total_cmp(&left),

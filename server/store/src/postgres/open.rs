@@ -55,7 +55,6 @@ impl PostgresAddress {
     }
 
     /// The address for people: user, host, port and database.
-    #[must_use]
     pub fn shown(&self) -> String {
         let options = &self.options;
         let host = match options.get_socket() {

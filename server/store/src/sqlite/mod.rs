@@ -94,7 +94,6 @@ impl SqliteStore {
     }
 
     /// The database file.
-    #[must_use]
     pub fn path(&self) -> &Path {
         &self.path
     }

@@ -25,7 +25,6 @@ struct TokenTables {
 
 impl MemoryTokens {
     /// No tokens.
-    #[must_use]
     pub fn new() -> Self {
         Self::default()
     }

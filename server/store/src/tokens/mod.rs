@@ -36,7 +36,6 @@ pub struct Studies(pub Vec<String>);
 
 impl Studies {
     /// Whether a study is among them.
-    #[must_use]
     pub fn contains(&self, study: &str) -> bool {
         self.0.is_empty()
             || self.0.iter().any(|pattern| match pattern.strip_suffix('*') {
@@ -103,14 +102,12 @@ pub struct TokenRecord {
 
 impl TokenRecord {
     /// Whether it is valid at this time.
-    #[must_use]
     pub fn is_live(&self, now_ms: i64) -> bool {
         self.revoke_ms.is_none() && self.expire_ms.is_none_or(|expire_ms| now_ms < expire_ms)
     }
 }
 
 /// The day of a time: days since 1970, UTC.
-#[must_use]
 pub fn day(now_ms: i64) -> i64 {
     now_ms.div_euclid(86_400_000)
 }
