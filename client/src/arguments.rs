@@ -76,7 +76,6 @@ impl CredentialArguments {
 /// The process's arguments, and the environment where a variable holds something. TLS settings of the
 /// environment are left out where an address among the arguments has no TLS. Ends the process where they are
 /// wrong.
-#[must_use]
 pub fn parse_arguments<T: clap::Parser>() -> T {
     let mut command = without_empty_variables(T::command());
     let mut matches = command.get_matches_mut();

@@ -109,25 +109,21 @@ impl Client {
     }
 
     /// The address the client was made with.
-    #[must_use]
     pub fn url(&self) -> &str {
         &self.core.url
     }
 
     /// The machine and the software that it names with every question.
-    #[must_use]
     pub fn fingerprint(&self) -> &Fingerprint {
         &self.core.options.fingerprint
     }
 
     /// The state of the connection at the moment.
-    #[must_use]
     pub fn status(&self) -> Status {
         self.core.circuit_breaker.status()
     }
 
     /// Counts of suggestions and reports so far.
-    #[must_use]
     pub fn stats(&self) -> Stats {
         self.core.counters.snapshot(self.core.outbox.waiting())
     }
@@ -287,7 +283,6 @@ impl Client {
     }
 
     /// Reads trials. Nothing is asked before the first [`TrialPages::next`].
-    #[must_use]
     pub fn trials(&self, study: &str, query: TrialQuery) -> TrialPages {
         TrialPages::new(Arc::clone(&self.core), study_name(study), query)
     }

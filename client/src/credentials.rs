@@ -29,7 +29,6 @@ pub struct Credentials {
 
 impl Credentials {
     /// None.
-    #[must_use]
     pub fn new() -> Self {
         Self::default()
     }

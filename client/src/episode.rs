@@ -180,7 +180,6 @@ fn within_limits(objective: &Objective, metric: &str, mean: f64) -> f64 {
 /// The mean cost of a trial's frames in their second half over that in their first: above 1 they become
 /// dearer while the configuration is in use. The first frame, which pays for what is built once, is left
 /// out. `None` for less than five frames, and where frames cost nothing.
-#[must_use]
 pub fn episode_trend(costs: &[f64]) -> Option<f64> {
     let later = costs.get(1..).filter(|later| later.len() > 3)?;
     let mean = |costs: &[f64]| costs.iter().sum::<f64>() / costs.len() as f64;

@@ -164,14 +164,12 @@ pub type SharedError = Arc<ClientError>;
 
 impl ClientError {
     /// Whether the daemon could not be reached in time, so that trying again later makes sense.
-    #[must_use]
     pub fn is_unreachable(&self) -> bool {
         matches!(self, Self::Away { .. } | Self::NotNow { .. } | Self::Late { .. })
     }
 
     /// Whether a repeated call may succeed later: the daemon could not be reached in time, has too much to
     /// do, or has a defect that may pass.
-    #[must_use]
     pub fn may_pass(&self) -> bool {
         use tonic::Code::{Aborted, Internal, ResourceExhausted, Unknown};
         match self {
@@ -181,20 +179,17 @@ impl ClientError {
     }
 
     /// Whether the daemon said that the thing does not exist.
-    #[must_use]
     pub fn is_not_found(&self) -> bool {
         matches!(self, Self::Refused { code: tonic::Code::NotFound, .. })
     }
 
     /// Whether the daemon said that it cannot read the request, e.g. its filter.
-    #[must_use]
     pub fn is_invalid_argument(&self) -> bool {
         matches!(self, Self::Refused { code: tonic::Code::InvalidArgument, .. })
     }
 
     /// The pause that the daemon asked for before another call; at most
     /// [`LONGEST_HINT`](crate::limits::LONGEST_HINT).
-    #[must_use]
     pub fn retry_after(&self) -> Option<Duration> {
         match self {
             Self::Refused { retry_after, .. }

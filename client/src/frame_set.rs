@@ -46,13 +46,11 @@ pub enum FrameSetResult {
 impl FrameSet {
     /// A trial of `frames` frames (at least one) that ends early where the suggestion's cap says so. Costs of
     /// frames are in the objective's units.
-    #[must_use]
     pub fn new(suggestion: &Suggestion, frames: usize) -> Self {
         Self::with_cap(suggestion.abort_above(), frames)
     }
 
     /// A trial of `frames` frames with a cap of one's own.
-    #[must_use]
     pub fn with_cap(abort_above: Option<f64>, frames: usize) -> Self {
         Self {
             planned: frames.max(1),
@@ -69,7 +67,6 @@ impl FrameSet {
     }
 
     /// The number of frames that have counted so far.
-    #[must_use]
     pub fn counted(&self) -> usize {
         self.costs.len()
     }
@@ -100,7 +97,6 @@ impl FrameSet {
     }
 
     /// Whether another frame is to be run.
-    #[must_use]
     pub fn goes_on(&self) -> bool {
         self.costs.len() < self.planned && self.stopped_at().is_none()
     }
@@ -116,7 +112,6 @@ impl FrameSet {
     }
 
     /// The median, or the bound where the trial was ended early. 0 before the first frame that counts.
-    #[must_use]
     pub fn result(&self) -> FrameSetResult {
         if self.costs.len() < self.planned
             && let Some(lower_bound) = self.stopped_at()

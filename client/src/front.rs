@@ -20,14 +20,12 @@ const CLIENT_CHARACTERS: usize = 120;
 impl TrialRecord {
     /// Whether it repeats the result of a run of its study for another direction of a front. It is no run,
     /// and needs not be kept: [`FrontHistory::owed`] makes it again.
-    #[must_use]
     pub fn repeats_a_run(&self) -> bool {
         self.indicators.get(Front::DIRECTION).is_some() && carried_from(self).is_some()
     }
 
     /// Its configuration and its measurements for [`Front::of`]; `None` where it is no full run that
     /// succeeded, or repeats one.
-    #[must_use]
     pub fn measured_run(&self) -> Option<(&Configuration, &BTreeMap<String, f64>)> {
         let counts = is_measured(self) && !self.repeats_a_run();
         counts.then_some((&self.configuration, &self.measurements.0))
@@ -56,7 +54,6 @@ impl FrontHistory {
     /// Goes on from the stored trials of one input and one machine. Those that are excluded do not count, nor
     /// what repeats them, nor trials at cheaper levels; an excluded repeat is not made again. In the first
     /// quarter of the `planned` runs only the metrics themselves are minimised, unless that was over before.
-    #[must_use]
     pub fn new(front: Front, trials: Vec<TrialRecord>, planned: u32) -> Self {
         let excluded = trials.iter().filter(|trial| trial.exclusion.is_some());
         let excluded: BTreeSet<u64> = excluded.filter_map(TrialRecord::number).collect();
@@ -75,13 +72,11 @@ impl FrontHistory {
     }
 
     /// The trials.
-    #[must_use]
     pub fn trials(&self) -> &[TrialRecord] {
         &self.trials
     }
 
     /// The metrics of the front.
-    #[must_use]
     pub fn front(&self) -> &Front {
         &self.front
     }
@@ -89,7 +84,6 @@ impl FrontHistory {
     /// The budget of each direction's search, for [`crate::SessionPolicy::trials_per_state`]: its share of
     /// the planned runs, and some more, so that all runs are done where a direction ends early. Trials that
     /// are carried over do not count.
-    #[must_use]
     pub fn runs_each(&self) -> u32 {
         let all = self.before + self.planned as usize;
         u32::try_from(all.div_ceil(self.front.directions()) + SPARE).unwrap_or(u32::MAX)
@@ -106,7 +100,6 @@ impl FrontHistory {
     }
 
     /// The direction of the next run: the one that had the fewest. `None` once all are over.
-    #[must_use]
     pub fn next_direction(&self) -> Option<usize> {
         let count =
             if self.ideal().is_some() { self.front.directions() } else { self.front.metrics().count() };
@@ -116,7 +109,6 @@ impl FrontHistory {
     }
 
     /// The question for the next run in a direction, from one with all that is the program's own.
-    #[must_use]
     pub fn question(&self, direction: usize, mut question: Question) -> Question {
         question.indicators = Indicators::from([(Front::DIRECTION, direction as f64)]);
         question.session_policy.trials_per_state = Some(self.runs_each());
@@ -151,7 +143,6 @@ impl FrontHistory {
 
     /// The results to carry over, so that every direction knows of every run: questions for
     /// [`crate::Client::ask`], each with its report. These trials are not run.
-    #[must_use]
     pub fn owed(&self) -> Vec<(Question, Measurements, Outcome)> {
         let known = self.trials.iter().filter_map(|trial| self.repeated(trial));
         let known: BTreeSet<(u64, usize)> = known.chain(self.spared.iter().copied()).collect();

@@ -82,13 +82,11 @@ impl FrontLoop {
     }
 
     /// The name of its study, with its identity.
-    #[must_use]
     pub fn study(&self) -> &str {
         &self.study
     }
 
     /// The names of its metrics.
-    #[must_use]
     pub fn metrics(&self) -> Vec<String> {
         lock(&self.runs).history.front().metrics().map(str::to_owned).collect()
     }
@@ -150,7 +148,6 @@ impl FrontLoop {
     }
 
     /// The front of all runs so far on this machine. The hypervolume refers to the default.
-    #[must_use]
     pub fn found(&self) -> ParetoFront {
         let runs = lock(&self.runs);
         let measured = runs.history.trials().iter().filter_map(TrialRecord::measured_run);

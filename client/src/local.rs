@@ -80,7 +80,6 @@ impl LocalDaemon {
     }
 
     /// Its database, which may not exist yet.
-    #[must_use]
     pub fn database(&self) -> PathBuf {
         self.data.join("tuning.db")
     }
@@ -90,13 +89,11 @@ impl LocalDaemon {
     }
 
     /// The log of the last one.
-    #[must_use]
     pub fn log(&self) -> PathBuf {
         self.runtime.join("daemon.log")
     }
 
     /// Its address, if it is running. Blocks for two seconds at most.
-    #[must_use]
     pub fn running(&self) -> Option<String> {
         // Without a socket there is no daemon to wait for.
         let is_safe =
@@ -234,7 +231,6 @@ fn last_line(log: &Path) -> String {
 }
 
 /// Whether a daemon serves there. Blocks for two seconds at most.
-#[must_use]
 pub fn answers(url: &str) -> bool {
     let options = Options::new().call_deadline(ANSWER);
     Client::connect(url, options).is_ok_and(|client| client.ping().is_ok())
@@ -273,7 +269,6 @@ fn of_file(path: &Path, error: &std::io::Error) -> ClientError {
 }
 
 /// A folder of the user's: what the variable says, or one below HOME.
-#[must_use]
 pub fn folder(variable: &str, below_home: &str) -> Option<PathBuf> {
     let absolute = |name: &str| std::env::var_os(name).map(PathBuf::from).filter(|path| path.is_absolute());
     let base = absolute(variable).or_else(|| absolute("HOME").map(|home| home.join(below_home)));
@@ -281,7 +276,6 @@ pub fn folder(variable: &str, below_home: &str) -> Option<PathBuf> {
 }
 
 /// A program that lies beside this one, or else is found in `PATH`.
-#[must_use]
 pub fn program(name: &str) -> Option<PathBuf> {
     let beside = std::env::current_exe().ok().and_then(|exe| Some(exe.parent()?.join(name)));
     let path = std::env::var_os("PATH").unwrap_or_default();

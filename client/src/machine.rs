@@ -3,7 +3,6 @@
 use treewright_model::trial::Fingerprint;
 
 /// Looks at this machine. What cannot be found out stays empty.
-#[must_use]
 pub fn detect_fingerprint() -> Fingerprint {
     let cpu_info = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
     let threads = std::thread::available_parallelism()

@@ -13,7 +13,6 @@ macro_rules! named_numbers {
 
         impl $type {
             /// An empty set.
-            #[must_use]
             pub fn new() -> Self {
                 Self::default()
             }
@@ -31,7 +30,6 @@ macro_rules! named_numbers {
             }
 
             /// The number of that name.
-            #[must_use]
             pub fn get(&self, name: &str) -> Option<f64> {
                 self.0.get(name).copied()
             }
@@ -42,13 +40,11 @@ macro_rules! named_numbers {
             }
 
             /// The number of entries.
-            #[must_use]
             pub fn len(&self) -> usize {
                 self.0.len()
             }
 
             /// Whether there is none.
-            #[must_use]
             pub fn is_empty(&self) -> bool {
                 self.0.is_empty()
             }
@@ -95,7 +91,6 @@ impl Measurements {
 
     /// Whether the service takes the name: 1 to 64 characters of `a-z`, `0-9` and `_`, beginning with a
     /// letter.
-    #[must_use]
     pub fn is_name(name: &str) -> bool {
         treewright_model::names::is_name(name)
     }

@@ -58,7 +58,6 @@ impl Default for Options {
 
 impl Options {
     /// The defaults.
-    #[must_use]
     pub fn new() -> Self {
         Self::default()
     }

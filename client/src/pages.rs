@@ -22,7 +22,6 @@ pub struct TrialQuery {
 
 impl TrialQuery {
     /// All trials, by number.
-    #[must_use]
     pub fn all() -> Self {
         Self::default()
     }

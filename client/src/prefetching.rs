@@ -55,7 +55,6 @@ impl PrefetchingTuner {
     }
 
     /// The study that is tuned.
-    #[must_use]
     pub fn study(&self) -> &Study {
         &self.study
     }

@@ -98,7 +98,6 @@ pub struct TrialRecord {
 
 impl TrialRecord {
     /// The number at the end of the name; `None` when the name has another form.
-    #[must_use]
     pub fn number(&self) -> Option<u64> {
         self.name.rsplit_once('/').and_then(|(_, number)| number.parse().ok())
     }
@@ -150,13 +149,11 @@ impl StudyRecord {
     }
 
     /// `studies/{study}@{uid}`, which never names another study that is called `studies/{study}` later.
-    #[must_use]
     pub fn identified_name(&self) -> String {
         if self.uid.is_empty() { self.name.clone() } else { format!("{}@{}", self.name, self.uid) }
     }
 
     /// The name without `studies/`.
-    #[must_use]
     pub fn id(&self) -> &str {
         self.name.strip_prefix("studies/").unwrap_or(&self.name)
     }

@@ -51,7 +51,6 @@ impl Study {
 
     /// The resource name, `studies/{study}`, at the time when this handle was made: by now another study may
     /// have it. [`Study::identified_name`] names this one.
-    #[must_use]
     pub fn name(&self) -> &str {
         &self.shared.context.name
     }
@@ -59,13 +58,11 @@ impl Study {
     /// `studies/{study}@{uid}`, by which this handle asks the daemon, and which no other study ever has: for
     /// calls of the client about this study. Until the daemon has answered for the first time it is
     /// [`Study::name`].
-    #[must_use]
     pub fn identified_name(&self) -> String {
         self.shared.context.asked_name().to_string()
     }
 
     /// Its specification.
-    #[must_use]
     pub fn spec(&self) -> &StudySpec {
         &self.shared.context.spec
     }
@@ -98,7 +95,6 @@ impl Study {
 
     /// The fields of the policy given to [`crate::Client::study`] that differ from the stored policy, which
     /// stays as it is. Empty until the daemon has answered.
-    #[must_use]
     pub fn policy_differs(&self) -> Vec<String> {
         self.shared.policy_differs()
     }
@@ -154,13 +150,11 @@ impl Study {
     }
 
     /// A per-frame loop, which reports and asks in one round trip.
-    #[must_use]
     pub fn tuner(&self) -> Tuner {
         Tuner::new(self)
     }
 
     /// A per-frame loop whose calls never wait: each returns the answer to the question of a frame ago.
-    #[must_use]
     pub fn prefetching_tuner(&self) -> PrefetchingTuner {
         PrefetchingTuner::new(self)
     }

@@ -150,25 +150,21 @@ impl Suggestion {
     }
 
     /// The configuration to run with.
-    #[must_use]
     pub fn configuration(&self) -> &Configuration {
         &self.configuration
     }
 
     /// Where it came from.
-    #[must_use]
     pub fn source(&self) -> Source {
         self.source
     }
 
     /// Why this configuration. Fallbacks are [`Mode::Exploit`] or [`Mode::Default`].
-    #[must_use]
     pub fn mode(&self) -> OpenEnum<Mode> {
         self.mode
     }
 
     /// Predicted objective, in the objective's units, where something is known.
-    #[must_use]
     pub fn predicted_cost(&self) -> Option<f64> {
         self.predicted_cost
     }
@@ -179,7 +175,6 @@ impl Suggestion {
     ///
     /// Where the study's trials have several frames it is the cost of this frame from which on their mean
     /// must be above the trial's bound.
-    #[must_use]
     pub fn abort_above(&self) -> Option<f64> {
         match &self.episode {
             Some(episode) => self.abort_above.map(|cap| episode.frame_cap(cap)),
@@ -190,7 +185,6 @@ impl Suggestion {
     /// The cheaper level of the study at which to run; `None` for a full trial, as all are unless
     /// [`crate::Options::fidelities`] is set. What is measured there only says whether the configuration is
     /// worth a full trial.
-    #[must_use]
     pub fn fidelity(&self) -> Option<&str> {
         self.fidelity.as_deref()
     }
@@ -204,31 +198,26 @@ impl Suggestion {
     /// that was given back, aborted, infeasible or failed. It is false for all once a process has run trials
     /// of the study side by side. A program that keeps several set-ups compares [`crate::Space::setup_part`]
     /// itself.
-    #[must_use]
     pub fn is_prepared(&self) -> bool {
         self.set_up.as_ref().is_some_and(|set_up| set_up.is_prepared)
     }
 
     /// The reason of the answer.
-    #[must_use]
     pub fn reason(&self) -> &Reason {
         &self.reason
     }
 
     /// Why the daemon was not the source; `None` when it was.
-    #[must_use]
     pub fn problem(&self) -> Option<&ClientError> {
         self.problem.as_deref()
     }
 
     /// Name of the trial, `studies/{study}/trials/{trial}`; `None` for fallbacks.
-    #[must_use]
     pub fn trial(&self) -> Option<&str> {
         self.lease.as_ref().map(|lease| &*lease.trial)
     }
 
     /// Until when the result is wanted, by the daemon's clock. Later results are taken and flagged late.
-    #[must_use]
     pub fn lease_expire_time(&self) -> Option<SystemTime> {
         self.lease_expire_time
     }

@@ -38,7 +38,6 @@ impl Tuner {
     }
 
     /// The study that is tuned.
-    #[must_use]
     pub fn study(&self) -> &Study {
         &self.study
     }

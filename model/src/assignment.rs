@@ -29,7 +29,6 @@ pub struct NoSuchValue {
 
 impl Assignment {
     /// An assignment without values.
-    #[must_use]
     pub fn new() -> Self {
         Self::default()
     }
@@ -47,7 +46,6 @@ impl Assignment {
     }
 
     /// The value of a parameter; `None` where the parameter is unknown or inactive.
-    #[must_use]
     pub fn get(&self, name: &str) -> Option<&Value> {
         self.0.get(name)
     }
@@ -102,19 +100,16 @@ impl Assignment {
     }
 
     /// The number of values.
-    #[must_use]
     pub fn len(&self) -> usize {
         self.0.len()
     }
 
     /// Whether there is no value at all.
-    #[must_use]
     pub fn is_empty(&self) -> bool {
         self.0.is_empty()
     }
 
     /// The bare map.
-    #[must_use]
     pub fn as_raw(&self) -> &RawConfiguration {
         &self.0
     }

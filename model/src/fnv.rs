@@ -5,13 +5,11 @@
 pub const EMPTY: u64 = 0xcbf2_9ce4_8422_2325;
 
 /// Adds one byte to a hash (or a whole word, where bytes would be too slow).
-#[must_use]
 pub fn add(hash: u64, byte: u64) -> u64 {
     (hash ^ byte).wrapping_mul(0x0000_0100_0000_01b3)
 }
 
 /// The hash of bytes.
-#[must_use]
 pub fn hash(bytes: impl IntoIterator<Item = u8>) -> u64 {
     bytes.into_iter().fold(EMPTY, |hash, byte| add(hash, u64::from(byte)))
 }

@@ -125,14 +125,12 @@ impl Front {
     }
 
     /// The front that a study of this display name is made for; `None` for any other name.
-    #[must_use]
     pub fn of_study(display_name: &str) -> Option<Self> {
         let metrics: Vec<&str> = display_name.strip_prefix(NAME)?.split(", ").collect();
         Self::new(&metrics).ok()
     }
 
     /// The display name of a study that is made for it, by which it is found again.
-    #[must_use]
     pub fn study_name(&self) -> String {
         let written = |(name, is_maximised): &(String, bool)| match is_maximised {
             true => format!("1/{name}"),
@@ -143,7 +141,6 @@ impl Front {
 
     /// The number of the run of this database whose result a trial of this origin repeats, where it is one.
     /// In a study of a front such a trial is no run. It reports a run to another direction.
-    #[must_use]
     pub fn repeated_run(origin: &str) -> Option<u64> {
         origin.strip_prefix(OWN)?.rsplit_once('/')?.1.parse().ok()
     }
@@ -159,13 +156,11 @@ impl Front {
     }
 
     /// The range of the indicator [`Front::DIRECTION`]; its values are whole numbers.
-    #[must_use]
     pub fn range(&self) -> RangeInclusive<f64> {
         0.0..=(self.directions() - 1) as f64
     }
 
     /// The number of directions.
-    #[must_use]
     pub fn directions(&self) -> usize {
         self.weights().len()
     }
@@ -175,7 +170,6 @@ impl Front {
     }
 
     /// Whether a metric can be weighed at this value: above 0 and finite, as is its reciprocal.
-    #[must_use]
     pub fn is_usable(value: f64) -> bool {
         value > 0.0 && value.is_finite() && value.recip().is_finite()
     }
@@ -193,7 +187,6 @@ impl Front {
     }
 
     /// The metrics of a run as they are minimised, where all were measured and are above 0.
-    #[must_use]
     pub fn values(&self, measured: &BTreeMap<String, f64>) -> Option<Vec<f64>> {
         self.measured(measured).map(|metrics| self.minimised(&metrics))
     }
@@ -201,7 +194,6 @@ impl Front {
     /// The cost of a run in a direction: the metric itself in the first directions, else the exponential of
     /// the augmented Chebyshev norm beside the best known of each metric, `ideal`. `minimised` comes from
     /// [`Front::values`]. `None` where an ideal point is needed and missing, and for other directions.
-    #[must_use]
     pub fn cost(&self, direction: usize, minimised: &[f64], ideal: Option<&[f64]>) -> Option<f64> {
         if let Some(metric) = minimised.get(direction) {
             return Some(*metric);
@@ -220,7 +212,6 @@ impl Front {
     /// The front of runs of one machine, each with all that it measured; those count that measured every
     /// metric. The hypervolume refers to `reference`, a value of each metric in its own unit, or else to the
     /// default.
-    #[must_use]
     pub fn of<'a>(
         &self,
         runs: impl IntoIterator<Item = (&'a Assignment, &'a BTreeMap<String, f64>)>,
@@ -274,7 +265,6 @@ impl Front {
 
 impl ParetoFront {
     /// A metric with its direction, for axes and tables.
-    #[must_use]
     pub fn title(&self, metric: &str) -> String {
         format!("{metric} ({} is better)", if self.is_maximised(metric) { "higher" } else { "lower" })
     }
@@ -286,7 +276,6 @@ impl ParetoFront {
     /// The corners of the staircase of reached values, in two of the metrics and their own units, the best of
     /// the first metric first. At a corner no other point is better in both. With two metrics every point is
     /// one.
-    #[must_use]
     pub fn corners(&self, metrics: [&str; 2]) -> Vec<[f64; 2]> {
         let place = |point: &FrontPoint| {
             let value = |metric: &str| point.metrics.get(metric).copied();

@@ -33,7 +33,6 @@ pub struct SessionPolicy {
 
 impl SessionPolicy {
     /// Whether no field is set.
-    #[must_use]
     pub fn is_empty(&self) -> bool {
         *self == Self::default()
     }

@@ -203,7 +203,6 @@ fn list_difference<T: PartialEq + Serialize>(
 
 impl StudySpec<PolicySettings> {
     /// Begins a specification.
-    #[must_use]
     pub fn builder(space: Space) -> StudyBuilder {
         StudyBuilder(StudySpec {
             display_name: String::new(),

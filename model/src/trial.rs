@@ -66,20 +66,17 @@ words! {
 
 impl Outcome {
     /// The configuration cannot work here. A reason beyond 1000 characters is cut.
-    #[must_use]
     pub fn infeasible(reason: impl Into<String>) -> Self {
         Self::Infeasible { reason: cut(reason.into()) }
     }
 
     /// Stopped early; the objective is at least `lower_bound`.
-    #[must_use]
     pub fn aborted(lower_bound: f64) -> Self {
         Self::Aborted { lower_bound }
     }
 
     /// The client failed for a reason that says nothing about the configuration. A reason beyond 1000
     /// characters is cut.
-    #[must_use]
     pub fn failed(reason: impl Into<String>) -> Self {
         Self::Failed { reason: cut(reason.into()) }
     }
@@ -220,7 +217,6 @@ impl RawTrial {
 
 impl Trial {
     /// The trial as it is read from a table, with a configuration that has not been checked.
-    #[must_use]
     pub fn into_raw(self) -> RawTrial {
         let Ok(raw) = self.map_configuration(|checked| Ok::<_, Infallible>(checked.into()));
         raw

@@ -115,31 +115,26 @@ impl Client {
     }
 
     /// See [`crate::Client::url`].
-    #[must_use]
     pub fn url(&self) -> &str {
         self.first().url()
     }
 
     /// See [`crate::Client::fingerprint`].
-    #[must_use]
     pub fn fingerprint(&self) -> &Fingerprint {
         self.first().fingerprint()
     }
 
     /// See [`crate::Client::status`].
-    #[must_use]
     pub fn status(&self) -> Status {
         self.here().map_or_else(|_| self.first().status(), |here| here.client.status())
     }
 
     /// See [`crate::Client::stats`].
-    #[must_use]
     pub fn stats(&self) -> Stats {
         self.here().map_or_else(|_| self.first().stats(), |here| here.client.stats())
     }
 
     /// Reads trials one after the other; pages are fetched as they are needed. See [`crate::Client::trials`].
-    #[must_use]
     pub fn trials(&self, study: &str, query: TrialQuery) -> Trials {
         let pages = self.here().map(|here| (here.client.trials(study, query), Arc::clone(&here.thread)));
         Trials { pages: Some(OfProcess::new(pages)) }
@@ -189,19 +184,16 @@ impl Study {
     }
 
     /// See [`crate::Study::name`].
-    #[must_use]
     pub fn name(&self) -> &str {
         self.study.first().name()
     }
 
     /// See [`crate::Study::identified_name`].
-    #[must_use]
     pub fn identified_name(&self) -> String {
         self.here().unwrap_or_else(|_| self.study.first()).identified_name()
     }
 
     /// See [`crate::Study::spec`].
-    #[must_use]
     pub fn spec(&self) -> &StudySpec {
         self.study.first().spec()
     }
@@ -217,7 +209,6 @@ impl Study {
     }
 
     /// See [`crate::Study::policy_differs`].
-    #[must_use]
     pub fn policy_differs(&self) -> Vec<String> {
         self.here().map(crate::Study::policy_differs).unwrap_or_default()
     }
@@ -229,13 +220,11 @@ impl Study {
     }
 
     /// See [`crate::Study::tuner`].
-    #[must_use]
     pub fn tuner(&self) -> Tuner {
         Tuner { tuner: None, study: self.clone() }
     }
 
     /// See [`crate::Study::prefetching_tuner`].
-    #[must_use]
     pub fn prefetching_tuner(&self) -> PrefetchingTuner {
         PrefetchingTuner { tuner: None, study: self.clone() }
     }

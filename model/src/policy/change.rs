@@ -14,25 +14,21 @@ pub struct PolicyChange {
 
 impl PolicyChange {
     /// Replaces the fields that are `Some`.
-    #[must_use]
     pub fn set(policy: PolicySettings) -> Self {
         Self { set: policy, ..Self::default() }
     }
 
     /// Clears the pinned configuration.
-    #[must_use]
     pub fn unpin() -> Self {
         Self::clear(["pinned"])
     }
 
     /// Sets fields back to the daemon's defaults.
-    #[must_use]
     pub fn clear<T: Into<String>>(fields: impl IntoIterator<Item = T>) -> Self {
         Self { clear: fields.into_iter().map(Into::into).collect(), ..Self::default() }
     }
 
     /// The values to send. Cleared fields are left out, so that the daemon takes its defaults.
-    #[must_use]
     pub fn values(&self) -> PolicySettings {
         let mut set = self.set.clone();
         for field in &self.clear {
@@ -43,7 +39,6 @@ impl PolicyChange {
     }
 
     /// The fields that change, as paths of the wire contract's field mask.
-    #[must_use]
     pub fn paths(&self) -> Vec<String> {
         let set = PolicySettings::FIELDS.iter().map(|field| field.name).filter(|name| {
             self.set.show(name).is_some() && !self.clear.iter().any(|cleared| cleared == name)

@@ -102,7 +102,6 @@ macro_rules! define_policy {
             ];
 
             /// Settings without any field: the daemon's defaults hold.
-            #[must_use]
             pub fn new() -> Self {
                 Self::default()
             }

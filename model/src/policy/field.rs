@@ -64,7 +64,6 @@ pub struct PolicyField {
 
 impl PolicyField {
     /// The first paragraph of its meaning on one line, without the full stop.
-    #[must_use]
     pub fn summary(&self) -> String {
         let lines: Vec<&str> =
             self.about.lines().map(str::trim).take_while(|line| !line.is_empty()).collect();

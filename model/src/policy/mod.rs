@@ -70,7 +70,6 @@ impl PolicySettings {
     /// The paper's policy. The dice are thrown once for each change of state. A search is the 80 iterations
     /// of a stochastic Nelder-Mead simplex. The nearest known state answers, and no configuration is run
     /// twice or confirmed.
-    #[must_use]
     pub fn paper() -> Self {
         Self::new()
             .epsilon(0.2)

@@ -58,7 +58,6 @@ impl Default for SpaceBuilder {
 
 impl SpaceBuilder {
     /// A space without parameters.
-    #[must_use]
     pub fn new() -> Self {
         Self { parameters: Vec::new(), constraints: Vec::new(), last: PhantomData }
     }
@@ -66,25 +65,21 @@ impl SpaceBuilder {
 
 impl<Last> SpaceBuilder<Last> {
     /// A whole number in a range, both ends included.
-    #[must_use]
     pub fn integer(self, name: &str, range: RangeInclusive<i64>) -> SpaceBuilder<IntegerParameter> {
         self.parameter(name, Domain::Integer { min: *range.start(), max: *range.end(), scale: Scale::Linear })
     }
 
     /// A number in a range, both ends included.
-    #[must_use]
     pub fn float(self, name: &str, range: RangeInclusive<f64>) -> SpaceBuilder<FloatParameter> {
         self.parameter(name, Domain::Float { min: *range.start(), max: *range.end(), scale: Scale::Linear })
     }
 
     /// `false` or `true`.
-    #[must_use]
     pub fn boolean(self, name: &str) -> SpaceBuilder<BooleanParameter> {
         self.parameter(name, Domain::Boolean)
     }
 
     /// One of a list of values, which are all integers, all floats or all words.
-    #[must_use]
     pub fn categorical<V: Into<Value>>(
         self,
         name: &str,
@@ -94,7 +89,6 @@ impl<Last> SpaceBuilder<Last> {
     }
 
     /// A parameter given as a value, e.g. from a list. It is checked like any other.
-    #[must_use]
     pub fn with_parameter(mut self, parameter: Parameter) -> SpaceBuilder {
         let Parameter { name, domain, default, active_if, setup } = parameter;
         self.parameters.push(Draft { name, domain, default: Some(default), active_if, setup });
@@ -102,7 +96,6 @@ impl<Last> SpaceBuilder<Last> {
     }
 
     /// Every configuration has `lesser <= greater`.
-    #[must_use]
     pub fn less_or_equal(mut self, lesser: &str, greater: &str) -> SpaceBuilder {
         self.constraints.push(Ok(Constraint::order(lesser, greater)));
         self.turn()
@@ -110,14 +103,12 @@ impl<Last> SpaceBuilder<Last> {
 
     /// Every configuration fulfils an expression, such as `block_x * block_y <= 1024`; [`Constraint`] has the
     /// language.
-    #[must_use]
     pub fn constraint(mut self, expression: &str) -> SpaceBuilder {
         self.constraints.push(Constraint::parse(expression));
         self.turn()
     }
 
     /// A constraint given as a value, e.g. from another space.
-    #[must_use]
     pub fn with_constraint(mut self, constraint: Constraint) -> SpaceBuilder {
         self.constraints.push(Ok(constraint));
         self.turn()

@@ -193,7 +193,6 @@ impl SpaceError {
     }
 
     /// A configuration of an earlier revision is not one of the present space.
-    #[must_use]
     pub fn outside(revision: u32) -> Self {
         Self(format!(
             "the configuration of revision {revision} is outside the space that the study has by now; open the \
@@ -236,7 +235,6 @@ impl fmt::Display for Domain {
 
 impl Space {
     /// Begins a space.
-    #[must_use]
     pub fn builder() -> SpaceBuilder {
         SpaceBuilder::new()
     }

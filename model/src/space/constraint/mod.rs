@@ -67,14 +67,12 @@ impl Constraint {
     }
 
     /// `lesser <= greater`, between two parameters.
-    #[must_use]
     pub fn order(lesser: &str, greater: &str) -> Self {
         let [lesser, greater] = [lesser, greater].map(|name| Node::Parameter(name.to_owned()));
         Constraint { root: Node::Binary(Operator::LessOrEqual, Box::new([lesser, greater])) }
     }
 
     /// A whole number has one of the values that are `step` apart from each other, from `min` on.
-    #[must_use]
     pub fn step(parameter: &str, min: i64, step: i64) -> Self {
         let name = Node::Parameter(parameter.to_owned());
         let whole = |integer: i64| Node::Literal(Value::Integer(integer));
