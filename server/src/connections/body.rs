@@ -4,14 +4,12 @@
 //! because that much memory is reserved for it (a frame of gRPC is a flag, a length in four bytes, and the
 //! message). Each piece of an answer counts until the connection has written it.
 
-use std::pin::Pin;
 use std::sync::Arc;
-use std::task::{Context, Poll, ready};
 
 use bytes::Bytes;
 use http::{HeaderMap, Request};
-use hyper::body::{Frame, SizeHint};
-use tonic::Status;
+use http_body_util::BodyExt as _;
+use hyper::body::Frame;
 use tonic::body::Body;
 
 use super::activity::{Activity, HeldBytes, UnderWay};
@@ -80,61 +78,25 @@ impl Messages {
     }
 }
 
-struct RequestBody {
-    inner: Body,
-    messages: Messages,
-    held: HeldBytes,
-    /// Size of the head in bytes, until the first message is there.
-    head: usize,
-}
-
 /// A request whose bytes count on its connection until they are a whole message.
 pub(crate) fn request_body(activity: &Arc<Activity>, request: Request<Body>) -> Request<Body> {
-    let head = limits::REQUEST_HEAD_BYTES + header_bytes(request.headers());
-    let held = activity.hold(head);
-    request.map(|inner| Body::new(RequestBody { inner, messages: Messages::default(), held, head }))
+    // Until the first message is there, the head counts.
+    let mut head = limits::REQUEST_HEAD_BYTES + header_bytes(request.headers());
+    let (mut messages, mut held) = (Messages::default(), activity.hold(head));
+    let count = move |frame: &Frame<Bytes>| {
+        if let Some(data) = frame.data_ref() {
+            messages.read(data);
+            if messages.is_between() {
+                head = 0;
+            }
+            held.set(head + messages.held());
+        }
+    };
+    request.map(|inner| Body::new(inner.inspect_frame(count)))
 }
 
 fn header_bytes(headers: &HeaderMap) -> usize {
     headers.iter().map(|(name, value)| name.as_str().len() + value.len()).sum()
-}
-
-impl hyper::body::Body for RequestBody {
-    type Data = Bytes;
-    type Error = Status;
-
-    fn poll_frame(
-        mut self: Pin<&mut Self>,
-        context: &mut Context<'_>,
-    ) -> Poll<Option<Result<Frame<Bytes>, Status>>> {
-        let frame = ready!(Pin::new(&mut self.inner).poll_frame(context));
-        if let Some(Ok(frame)) = &frame
-            && let Some(data) = frame.data_ref()
-        {
-            let this = &mut *self;
-            this.messages.read(data);
-            if this.messages.is_between() {
-                this.head = 0;
-            }
-            this.held.set(this.head + this.messages.held());
-        }
-        Poll::Ready(frame)
-    }
-
-    fn is_end_stream(&self) -> bool {
-        self.inner.is_end_stream()
-    }
-
-    fn size_hint(&self) -> SizeHint {
-        self.inner.size_hint()
-    }
-}
-
-struct AnswerBody {
-    inner: Body,
-    activity: Arc<Activity>,
-    /// The request, where it is under way until the answer ends.
-    _under_way: Option<Arc<UnderWay>>,
 }
 
 /// A piece of an answer that counts until its last owner has dropped it: until it is written.
@@ -152,37 +114,19 @@ impl AsRef<[u8]> for Piece {
 /// An answer whose bytes count on its connection until they are written. Its request, where it is given, is
 /// under way until the answer has ended.
 pub(crate) fn answer_body(activity: &Arc<Activity>, inner: Body, under_way: Option<Arc<UnderWay>>) -> Body {
-    Body::new(AnswerBody { inner, activity: Arc::clone(activity), _under_way: under_way })
-}
-
-impl hyper::body::Body for AnswerBody {
-    type Data = Bytes;
-    type Error = Status;
-
-    fn poll_frame(
-        mut self: Pin<&mut Self>,
-        context: &mut Context<'_>,
-    ) -> Poll<Option<Result<Frame<Bytes>, Status>>> {
-        let frame = ready!(Pin::new(&mut self.inner).poll_frame(context));
-        let counted = |bytes: Bytes| {
-            let held = self.activity.hold(bytes.len());
-            Bytes::from_owner(Piece { bytes, _held: held })
-        };
-        Poll::Ready(frame.map(|frame| frame.map(|frame| frame.map_data(counted))))
-    }
-
-    fn is_end_stream(&self) -> bool {
-        self.inner.is_end_stream()
-    }
-
-    fn size_hint(&self) -> SizeHint {
-        self.inner.size_hint()
-    }
+    let activity = Arc::clone(activity);
+    let counted = move |frame: Frame<Bytes>| {
+        // The closure keeps it until the answer has ended.
+        let _ = &under_way;
+        frame.map_data(|bytes| Bytes::from_owner(Piece { _held: activity.hold(bytes.len()), bytes }))
+    };
+    Body::new(inner.map_frame(counted))
 }
 
 #[cfg(test)]
 mod tests {
     use tokio::time::{Instant, advance};
+    use tonic::Status;
 
     use super::super::slots::{ConnectionLimits, ConnectionSlots};
     use super::super::unfinished::Unfinished;
