@@ -4,6 +4,14 @@
 //! the questions. So [`reads!`] writes them out for each database, in a module with the database's statements
 //! as `sql`, and its errors of reads and writes as `failed` and `refused`.
 
+/// Asks a database with bound values, by one of sqlx's ways to ask and to fetch, and translates errors with
+/// `failed` of the module.
+macro_rules! ask {
+    ($query:ident.$fetch:ident($connection:expr, $sql:expr $(, $value:expr)*)) => {
+        sqlx::$query($sql)$(.bind($value))*.$fetch(&mut *$connection).await.map_err(failed)
+    };
+}
+
 /// The functions of this module, for one type of connection.
 macro_rules! reads {
     ($connection:ty) => {
@@ -18,6 +26,7 @@ macro_rules! reads {
         use crate::error::StoreError;
         use crate::fence::Fence;
         use crate::limits;
+        use crate::read::ask;
         use crate::rows::{self, StateRow, TrialRow, one_at_most, signed, unsigned};
         use crate::store::{ClosedTrial, Created, Loaded, StudyRecord, TrialPage, TrialQuery};
 
@@ -34,8 +43,7 @@ macro_rules! reads {
                 Err(StoreError::StudyNotFound { .. }) => {}
                 Err(error) => return Err(error),
             }
-            let count: i64 =
-                sqlx::query_scalar(sql::STUDY_COUNT).fetch_one(&mut *connection).await.map_err(failed)?;
+            let count: i64 = ask!(query_scalar.fetch_one(connection, sql::STUDY_COUNT))?;
             if count >= i64::from(limits::STUDIES) {
                 return Err(StoreError::TooManyStudies(limits::STUDIES));
             }
@@ -54,10 +62,9 @@ macro_rules! reads {
             study: &str,
             uid: Option<StudyUid>,
         ) -> Result<i64, StoreError> {
-            let question =
-                sqlx::query_scalar(sql::STUDY_LOCK).bind(study).bind(uid.map(|uid| uid.to_string()));
-            let key: Option<i64> = question.fetch_optional(connection).await.map_err(failed)?;
-            key.ok_or_else(|| study_not_found(study))
+            let uid = uid.map(|uid| uid.to_string());
+            ask!(query_scalar.fetch_optional(connection, sql::STUDY_LOCK, study, uid))?
+                .ok_or_else(|| study_not_found(study))
         }
 
         /// Notes the last trial number of a study under the name that it is about to lose.
@@ -74,11 +81,7 @@ macro_rules! reads {
         }
 
         pub(super) async fn study_key(connection: &mut $connection, study: &str) -> Result<i64, StoreError> {
-            sqlx::query_scalar(sql::STUDY_KEY)
-                .bind(study)
-                .fetch_optional(connection)
-                .await
-                .map_err(failed)?
+            ask!(query_scalar.fetch_optional(connection, sql::STUDY_KEY, study))?
                 .ok_or_else(|| study_not_found(study))
         }
 
@@ -86,19 +89,14 @@ macro_rules! reads {
             connection: &mut $connection,
             uid: StudyUid,
         ) -> Result<Option<String>, StoreError> {
-            let question = sqlx::query_scalar(sql::STUDY_OF_UID).bind(uid.to_string());
-            question.fetch_optional(connection).await.map_err(failed)
+            ask!(query_scalar.fetch_optional(connection, sql::STUDY_OF_UID, uid.to_string()))
         }
 
         pub(super) async fn study(
             connection: &mut $connection,
             study: &str,
         ) -> Result<StudyRecord, StoreError> {
-            let row: Option<StudyRow> = sqlx::query_as(sql::STUDY_BY_NAME)
-                .bind(study)
-                .fetch_optional(connection)
-                .await
-                .map_err(failed)?;
+            let row: Option<StudyRow> = ask!(query_as.fetch_optional(connection, sql::STUDY_BY_NAME, study))?;
             row.ok_or_else(|| study_not_found(study))?.into_record()
         }
 
@@ -107,14 +105,10 @@ macro_rules! reads {
             after: Option<&str>,
             size: u32,
         ) -> Result<Vec<StudyRecord>, StoreError> {
-            let rows: Vec<StudyRow> = sqlx::query_as(sql::STUDY_PAGE)
-                .bind(after.unwrap_or_default())
-                .bind(i64::from(size))
-                .fetch_all(connection)
-                .await
-                .map_err(failed)?;
+            let (after, most) = (after.unwrap_or_default(), i64::from(size));
+            let rows: Vec<StudyRow> = ask!(query_as.fetch_all(connection, sql::STUDY_PAGE, after, most))?;
             assert!(rows.len() <= size as usize, "{} studies on a page of {size}", rows.len());
-            debug_assert!(StudyRow::follow(&rows, after.unwrap_or_default()), "studies come by rising name");
+            debug_assert!(StudyRow::follow(&rows, after), "studies come by rising name");
             rows.into_iter().map(StudyRow::into_record).collect()
         }
 
@@ -126,22 +120,10 @@ macro_rules! reads {
             // All reads see one moment: another daemon may take the study and write while this one reads.
             let mut moment = connection.begin_with(sql::BEGIN_READING).await.map_err(failed)?;
             let connection = &mut *moment;
-            let study: Option<StudyRow> = sqlx::query_as(sql::STUDY_BY_KEY)
-                .bind(key)
-                .fetch_optional(&mut *connection)
-                .await
-                .map_err(failed)?;
+            let study: Option<StudyRow> = ask!(query_as.fetch_optional(connection, sql::STUDY_BY_KEY, key))?;
             let study = study.ok_or_else(|| study_not_found(fence.study()))?;
-            let visits = sqlx::query_as(sql::VISITS_OF_STUDY)
-                .bind(key)
-                .fetch_all(&mut *connection)
-                .await
-                .map_err(failed)?;
-            let open_trials = sqlx::query_as(sql::OPEN_TRIALS)
-                .bind(key)
-                .fetch_all(&mut *connection)
-                .await
-                .map_err(failed)?;
+            let visits = ask!(query_as.fetch_all(connection, sql::VISITS_OF_STUDY, key))?;
+            let open_trials = ask!(query_as.fetch_all(connection, sql::OPEN_TRIALS, key))?;
             let states = states(connection, key).await?;
             let checkpoint = checkpoint(connection, key).await?;
             moment.commit().await.map_err(failed)?;
@@ -162,20 +144,10 @@ macro_rules! reads {
             connection: &mut $connection,
             key: i64,
         ) -> Result<Option<Checkpoint>, StoreError> {
-            let latest: Option<i64> = sqlx::query_scalar(sql::CHECKPOINT)
-                .bind(key)
-                .fetch_optional(&mut *connection)
-                .await
-                .map_err(failed)?;
-            let Some(completion) = latest else {
-                return Ok(None);
-            };
-            let parts: Vec<Vec<u8>> = sqlx::query_scalar(sql::CHECKPOINT_PARTS)
-                .bind(key)
-                .bind(completion)
-                .fetch_all(connection)
-                .await
-                .map_err(failed)?;
+            let latest: Option<i64> = ask!(query_scalar.fetch_optional(connection, sql::CHECKPOINT, key))?;
+            let Some(completion) = latest else { return Ok(None) };
+            let parts: Vec<Vec<u8>> =
+                ask!(query_scalar.fetch_all(connection, sql::CHECKPOINT_PARTS, key, completion))?;
             debug_assert!(!parts.is_empty(), "the checkpoint {completion} was found by its parts");
             Ok(Some(Checkpoint { completion: unsigned(completion)?, bytes: parts.concat() }))
         }
@@ -187,13 +159,9 @@ macro_rules! reads {
             after: u64,
             size: u32,
         ) -> Result<Vec<RawTrial>, StoreError> {
-            let rows: Vec<TrialRow> = sqlx::query_as(sql::COMPLETED_TRIALS)
-                .bind(fence.key())
-                .bind(signed(after)?)
-                .bind(i64::from(size))
-                .fetch_all(connection)
-                .await
-                .map_err(failed)?;
+            let (study, begin, most) = (fence.key(), signed(after)?, i64::from(size));
+            let rows: Vec<TrialRow> =
+                ask!(query_as.fetch_all(connection, sql::COMPLETED_TRIALS, study, begin, most))?;
             assert!(rows.len() <= size as usize, "{} trials in a stretch of {size}", rows.len());
             let trials: Vec<_> = rows.into_iter().map(TrialRow::into_trial).collect::<Result<_, _>>()?;
             debug_assert!(
@@ -211,14 +179,9 @@ macro_rules! reads {
             up_to: u64,
             size: u32,
         ) -> Result<Vec<ClosedTrial>, StoreError> {
-            let rows: Vec<(i64, Option<i64>)> = sqlx::query_as(sql::CLOSED_TRIALS)
-                .bind(fence.key())
-                .bind(signed(after)?)
-                .bind(signed(up_to)?)
-                .bind(i64::from(size))
-                .fetch_all(connection)
-                .await
-                .map_err(failed)?;
+            let (study, begin, end, most) = (fence.key(), signed(after)?, signed(up_to)?, i64::from(size));
+            let rows: Vec<(i64, Option<i64>)> =
+                ask!(query_as.fetch_all(connection, sql::CLOSED_TRIALS, study, begin, end, most))?;
             assert!(rows.len() <= size as usize, "{} trials in a stretch of {size}", rows.len());
             let closed = assembly::closed(rows)?;
             debug_assert!(
@@ -236,13 +199,10 @@ macro_rules! reads {
         ) -> Result<RawTrial, StoreError> {
             let key = study_key(&mut *connection, study).await?;
             let not_found = || StoreError::TrialNotFound { study: study.to_owned(), number };
-            let row: Option<TrialRow> = sqlx::query_as(sql::TRIAL_BY_NUMBER)
-                .bind(key)
-                // No trial has a number that the column cannot hold.
-                .bind(signed(number).map_err(|_| not_found())?)
-                .fetch_optional(&mut *connection)
-                .await
-                .map_err(failed)?;
+            // No trial has a number that the column cannot hold.
+            let number = signed(number).map_err(|_| not_found())?;
+            let row: Option<TrialRow> =
+                ask!(query_as.fetch_optional(connection, sql::TRIAL_BY_NUMBER, key, number))?;
             row.ok_or_else(not_found)?.into_trial()
         }
 
@@ -261,4 +221,4 @@ macro_rules! reads {
     };
 }
 
-pub(crate) use reads;
+pub(crate) use {ask, reads};

@@ -11,6 +11,7 @@ use crate::assembly::study_not_found;
 use crate::error::StoreError;
 use crate::fence::Fence;
 use crate::limits;
+use crate::read::ask;
 
 /// The number of tries of a claim while other replicas are quicker.
 const TRIES: usize = 8;
@@ -24,25 +25,17 @@ pub(super) async fn claim(
 ) -> Result<Fence, StoreError> {
     for _ in 0..TRIES {
         let me = shared.me();
-        let found: Option<(i64, i64, Option<i32>, Option<String>)> = sqlx::query_as(sql::STUDY_OWNER)
-            .bind(study)
-            .bind(limits::REPLICA_LAPSE.as_secs_f64())
-            .fetch_optional(&mut *connection)
-            .await
-            .map_err(failed)?;
+        let lapse_s = limits::REPLICA_LAPSE.as_secs_f64();
+        let found: Option<(i64, i64, Option<i32>, Option<String>)> =
+            ask!(query_as.fetch_optional(connection, sql::STUDY_OWNER, study, lapse_s))?;
         let (key, epoch, owner, address) = found.ok_or_else(|| study_not_found(study))?;
         if let (Some(replica), Some(address)) = (owner.filter(|owner| *owner != me), address) {
             let seen = Instant::now();
             shared.remember_owner(study, StudyHolder { key, replica, address: address.clone(), seen });
             return Err(StoreError::Elsewhere { study: study.to_owned(), address });
         }
-        let claimed: Option<i64> = sqlx::query_scalar(sql::STUDY_CLAIM)
-            .bind(key)
-            .bind(epoch)
-            .bind(me)
-            .fetch_optional(&mut *connection)
-            .await
-            .map_err(failed)?;
+        let claimed: Option<i64> =
+            ask!(query_scalar.fetch_optional(connection, sql::STUDY_CLAIM, key, epoch, me))?;
         if let Some(claimed) = claimed {
             assert!(claimed > epoch, "the epoch of {study} goes from {epoch} to {claimed}");
             tracing::debug!(study, epoch = claimed, "claimed");

@@ -7,6 +7,7 @@ use super::{failed, read, statements as sql};
 use crate::error::StoreError;
 use crate::fence::Fence;
 use crate::limits;
+use crate::read::ask;
 use crate::rows::{one_at_most, signed, unsigned};
 
 /// Makes a study unfindable, and returns its key. [`reap`] removes its rows.
@@ -57,14 +58,9 @@ pub(super) async fn remove_trials(
     fence.check()?;
     let most = numbers.len() as i64;
     let numbers = numbers.iter().map(|number| signed(*number)).collect::<Result<Vec<i64>, _>>()?;
-    let (held, gone): (i64, i64) = sqlx::query_as(sql::TRIALS_DELETE)
-        .bind(fence.key())
-        .bind(fence.epoch())
-        .bind(numbers)
-        .bind(signed(covered)?)
-        .fetch_one(connection)
-        .await
-        .map_err(failed)?;
+    let (key, epoch, covered) = (fence.key(), fence.epoch(), signed(covered)?);
+    let (held, gone): (i64, i64) =
+        ask!(query_as.fetch_one(connection, sql::TRIALS_DELETE, key, epoch, numbers, covered))?;
     assert!(held <= 1, "{held} studies have one key");
     assert!(gone <= most && (held == 1 || gone == 0), "{gone} trials were removed for {most} numbers");
     if held == 0 {
@@ -104,14 +100,9 @@ pub(super) async fn with_due_leases(
     me: i32,
     now_ms: i64,
 ) -> Result<Vec<String>, StoreError> {
-    let due: Vec<String> = sqlx::query_scalar(sql::STUDIES_WITH_DUE_LEASES)
-        .bind(now_ms)
-        .bind(me)
-        .bind(limits::REPLICA_LAPSE.as_secs_f64())
-        .bind(i64::from(limits::SWEEP_STUDIES))
-        .fetch_all(connection)
-        .await
-        .map_err(failed)?;
+    let (lapse_s, most) = (limits::REPLICA_LAPSE.as_secs_f64(), i64::from(limits::SWEEP_STUDIES));
+    let due: Vec<String> =
+        ask!(query_scalar.fetch_all(connection, sql::STUDIES_WITH_DUE_LEASES, now_ms, me, lapse_s, most))?;
     // At most one sweep of studies without an owner, and one of its own.
     assert!(due.len() <= 2 * limits::SWEEP_STUDIES as usize, "{} studies in one sweep", due.len());
     Ok(due)

@@ -16,6 +16,11 @@ const PREPARED_ROWS: usize = 6;
 
 type Statements<'q> = Query<'q, Sqlite, SqliteArguments>;
 
+/// Binds values one after the other.
+macro_rules! bind {
+    ($script:ident: $($value:expr),+ $(,)?) => { $script$(.bind($value))+ };
+}
+
 /// Stores `rows` inside the transaction that is open.
 pub(super) fn rows(study: i64, rows: &Rows) -> Statements<'_> {
     bound(study, rows, text(rows))
@@ -62,44 +67,18 @@ fn parameters(rows: &Rows) -> usize {
 }
 
 fn bind_state<'q>(script: Statements<'q>, study: i64, row: &'q StateRow) -> Statements<'q> {
-    script.bind(study).bind(row.id).bind(&row.indicators).bind(&row.fingerprint).bind(&row.search_packed)
+    bind!(script: study, row.id, &row.indicators, &row.fingerprint, &row.search_packed)
 }
 
 fn bind_visit<'q>(script: Statements<'q>, study: i64, row: &'q VisitRow) -> Statements<'q> {
-    script
-        .bind(study)
-        .bind(&row.client_id)
-        .bind(row.state_id)
-        .bind(row.number)
-        .bind(row.since)
-        .bind(&row.decision)
-        .bind(&row.weighed)
-        .bind(&row.account)
+    bind!(script: study, &row.client_id, row.state_id, row.number, row.since, &row.decision, &row.weighed,
+        &row.account)
 }
 
 /// Binds in the order of the columns in [`TRIAL_UPSERT`](sql::TRIAL_UPSERT).
 fn bind_trial<'q>(script: Statements<'q>, study: i64, row: &'q TrialRow) -> Statements<'q> {
-    script
-        .bind(study)
-        .bind(row.number)
-        .bind(&row.client_id)
-        .bind(row.state_id)
-        .bind(&row.mode)
-        .bind(&row.state)
-        .bind(&row.outcome)
-        .bind(&row.outcome_reason)
-        .bind(row.outcome_lower_bound)
-        .bind(row.cost)
-        .bind(row.predicted_cost)
-        .bind(row.late)
-        .bind(row.create_ms)
-        .bind(row.lease_expire_ms)
-        .bind(row.complete_ms)
-        .bind(row.completion)
-        .bind(&row.configuration)
-        .bind(&row.indicators)
-        .bind(&row.measurements)
-        .bind(&row.reason)
-        .bind(&row.fingerprint)
-        .bind(&row.standard_errors)
+    bind!(script: study, row.number, &row.client_id, row.state_id, &row.mode, &row.state, &row.outcome,
+        &row.outcome_reason, row.outcome_lower_bound, row.cost, row.predicted_cost, row.late, row.create_ms,
+        row.lease_expire_ms, row.complete_ms, row.completion, &row.configuration, &row.indicators,
+        &row.measurements, &row.reason, &row.fingerprint, &row.standard_errors)
 }
