@@ -231,8 +231,6 @@ pub(super) fn contour(x_axis: &Axis, y_axis: &Axis, points: &[(f64, f64, f64)], 
         let cell = &mut cells[place(*y) * CELLS + place(*x)];
         *cell = (cell.0 + view.value(*cost), cell.1 + 1);
     }
-    let counted: usize = cells.iter().map(|(_, count)| *count as usize).sum();
-    assert_eq!(counted, points.len());
     // The smaller, the better.
     let badness = |mean: f64| if view.is_maximised() { -mean } else { mean };
     let means: Vec<(usize, f64)> = (0..cells.len())

@@ -75,8 +75,6 @@ pub(in super::super) async fn map(visitor: &Visitor<'_>, id: &str, query: &Query
         states.extend(read_state(visitor, id, number).await?);
     }
     let (first, second) = widest(indicators, &states);
-    assert!(first.max(second) < indicators.len().max(1), "{first} and {second} of {}", indicators.len());
-    assert!(first != second || indicators.len() < 2, "indicator {first} is both axes");
     let named =
         |axis: &str| asked_axis(query, axis, indicators.iter().map(|indicator| indicator.name.as_str()));
     let (x, y) = (named("x")?.unwrap_or(first), named("y")?.unwrap_or(second));

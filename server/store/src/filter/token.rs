@@ -85,7 +85,6 @@ fn number(rest: &[char]) -> (FilterToken, usize) {
 
 /// Text in double quotes, in which a backslash makes the next quote or backslash literal.
 fn quoted(rest: &[char], position: usize) -> Result<(FilterToken, usize), FilterError> {
-    assert_eq!(rest.first(), Some(&'"'));
     let mut text = String::new();
     let mut at = 1;
     while let Some(&c) = rest.get(at) {

@@ -47,11 +47,6 @@ impl<'r> Batch<'r> {
         }
         self.visits.extend(rows.visits.iter().map(|row| ((study, row.client_id.as_str()), row)));
         self.trials.extend(rows.trials.iter().map(|row| ((study, row.number), row)));
-        // One statement stores visits and removes others, in no order.
-        debug_assert!(
-            self.forgotten.iter().all(|key| !self.visits.contains_key(key)),
-            "a visit comes and goes"
-        );
         true
     }
 
@@ -68,18 +63,12 @@ impl<'r> Batch<'r> {
         let states = || self.states.iter().map(|((study, _), row)| (*study, *row));
         let visits = || self.visits.iter().map(|((study, _), row)| (*study, *row));
         let trials = || self.trials.iter().map(|((study, _), row)| (*study, *row));
-        let is_fenced = |study: i64| self.fences.contains_key(&study);
         let keys: Vec<i64> = self.fences.keys().copied().collect();
         let epochs: Vec<i64> = self.fences.values().copied().collect();
         if self.is_empty() {
             let asking = sqlx::query_scalar(sql::HELD_STUDIES).bind(keys).bind(epochs);
             return Ok(self.held(asking.fetch_all(connection).await?));
         }
-        debug_assert!(
-            states().map(|(study, _)| study).chain(visits().map(|(study, _)| study)).all(is_fenced)
-                && trials().all(|(study, _)| is_fenced(study)),
-            "a row of a study whose epoch is not asked for is not stored"
-        );
         let held: Vec<i64> = sqlx::query_scalar(sql::BATCH)
             .bind(keys)
             .bind(epochs)

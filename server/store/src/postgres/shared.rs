@@ -94,7 +94,6 @@ impl SharedState {
             owners.clear();
         }
         owners.insert(study.to_owned(), owner);
-        assert!(owners.len() <= limits::OWNERS_REMEMBERED);
     }
 
     pub(super) fn forget_owner(&self, study: &str) {
