@@ -137,6 +137,36 @@ pub(super) mod tests {
         spec.build().expect("valid").with_policy(policy)
     }
 
+    pub(in crate::tuning) fn in_memory() -> Tuning {
+        Tuning::new(Arc::new(MemoryStore::new()), Arc::new(ManualClock::at(1_000)))
+    }
+
+    /// Creates the study, which always explores, and measures four frames.
+    pub(in crate::tuning) async fn explore(tuning: &Tuning) {
+        let policy = Policy { epsilon: 1.0, ..spec().policy };
+        tuning.create_study("hall", &StudySpec { policy, ..spec() }).await.expect("created");
+        for _ in 0..4 {
+            frame(tuning, "one", 0.5).await;
+        }
+        tuning.sweep_leases().await.expect("swept");
+    }
+
+    /// A trial whose client shows that it lives, so that its silence means something.
+    pub(in crate::tuning) async fn alive(tuning: &Tuning, client_id: &str) -> TrialName {
+        let number = suggested(tuning, client_id, 0.5).await.number;
+        let trial = TrialName { study: "hall".into(), number };
+        tuning.extend_lease(&trial).await.expect("it is open");
+        trial
+    }
+
+    /// Lets leases end while the daemon is there.
+    pub(in crate::tuning) async fn sweep_a_minute(tuning: &Tuning, clock: &ManualClock) {
+        for _ in 0..61 {
+            clock.advance_ms(1_000);
+            tuning.sweep_leases().await.expect("swept");
+        }
+    }
+
     /// The trial that a client receives.
     pub(in crate::tuning) async fn suggested(tuning: &Tuning, client_id: &str, place: f64) -> Trial {
         let indicators = BTreeMap::from([("x".to_owned(), place)]);
@@ -220,7 +250,7 @@ pub(super) mod tests {
     /// One that is under way as the space changes is of the space of before.
     #[tokio::test]
     async fn a_change_of_the_space_waits_for_who_saves() {
-        let tuning = Tuning::new(Arc::new(MemoryStore::new()), Arc::new(ManualClock::at(1_000)));
+        let tuning = in_memory();
         tuning.create_study("hall", &spec()).await.expect("created");
         let space = Space::builder().integer("a", 0..=9).default(4).integer("b", 0..=8).default(4);
         let change = SpaceChange {

@@ -39,36 +39,22 @@ impl Live {
 
 #[cfg(test)]
 mod tests {
-    use treewright_core::policy::Policy;
-    use treewright_core::study::StudySpec;
     use treewright_store::MemoryStore;
 
-    use super::super::checkpoints::tests::{frame, spec, suggested};
+    use super::super::checkpoints::tests::{alive, explore, sweep_a_minute};
     use super::*;
     use crate::clock::ManualClock;
-    use crate::convert::names::TrialName;
 
     /// The second lost lease of a configuration completes its trial as infeasible.
     #[tokio::test]
     async fn a_configuration_that_is_given_up_lost_its_lease_and_had_no_late_report() {
         let clock = Arc::new(ManualClock::at(1_000));
         let tuning = Tuning::new(Arc::new(MemoryStore::new()), Arc::clone(&clock) as _);
-        let policy = Policy { epsilon: 1.0, ..spec().policy };
-        tuning.create_study("hall", &StudySpec { policy, ..spec() }).await.expect("created");
-        for _ in 0..4 {
-            frame(&tuning, "one", 0.5).await;
-        }
+        explore(&tuning).await;
         let before = tuning.get_study("hall").await.expect("there").statistics.completed_trials;
-        tuning.sweep_leases().await.expect("swept");
         for _ in 0..2 {
-            let number = suggested(&tuning, "one", 0.5).await.number;
-            // The client shows that it lives, so that its silence means something.
-            let name = TrialName { study: "hall".into(), number };
-            tuning.extend_lease(&name).await.expect("it is open");
-            for _ in 0..61 {
-                clock.advance_ms(1_000);
-                tuning.sweep_leases().await.expect("swept");
-            }
+            alive(&tuning, "one").await;
+            sweep_a_minute(&tuning, &clock).await;
         }
         let after = tuning.get_study("hall").await.expect("there").statistics.completed_trials;
         assert_eq!(after, before + 1, "one is given up");

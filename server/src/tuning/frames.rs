@@ -344,13 +344,11 @@ mod tests {
     use std::collections::BTreeMap;
     use std::sync::Arc;
 
-    use treewright_core::policy::Policy;
-    use treewright_core::study::StudySpec;
     use treewright_core::trial::Outcome;
     use treewright_core::tuner::Ask;
     use treewright_store::MemoryStore;
 
-    use super::super::checkpoints::tests::{frame, spec, suggested};
+    use super::super::checkpoints::tests::{alive, explore, in_memory, spec, suggested, sweep_a_minute};
     use super::*;
     use crate::clock::ManualClock;
     use crate::convert::names::{StudyName, TrialName};
@@ -399,7 +397,7 @@ mod tests {
 
     #[tokio::test]
     async fn another_study_that_got_the_name_meanwhile_answers_no_question() {
-        let tuning = Tuning::new(Arc::new(MemoryStore::new()), Arc::new(ManualClock::at(1_000)));
+        let tuning = in_memory();
         let uid = tuning.create_study("hall", &spec()).await.expect("created").study.uid;
         tuning.delete_study(&"hall".into()).await.expect("deleted");
         tuning.create_study("hall", &spec()).await.expect("created");
@@ -426,23 +424,11 @@ mod tests {
         let (store, clock) = (Arc::new(MemoryStore::new()), Arc::new(ManualClock::at(1_000)));
         let start = || Tuning::new(Arc::clone(&store) as _, Arc::clone(&clock) as _);
         let mut tuning = start();
-        let policy = Policy { epsilon: 1.0, ..spec().policy };
-        tuning.create_study("hall", &StudySpec { policy, ..spec() }).await.expect("created");
-        for _ in 0..4 {
-            frame(&tuning, "one", 0.5).await;
-        }
-        tuning.sweep_leases().await.expect("swept");
+        explore(&tuning).await;
         let mut trials = Vec::new();
         for client in ["one", "two"] {
-            let number = suggested(&tuning, client, 0.5).await.number;
-            let trial = TrialName { study: "hall".into(), number };
-            // The client shows that it lives, and is cut off.
-            tuning.extend_lease(&trial).await.expect("it is open");
-            for _ in 0..61 {
-                clock.advance_ms(1_000);
-                tuning.sweep_leases().await.expect("swept");
-            }
-            trials.push(trial);
+            trials.push(alive(&tuning, client).await);
+            sweep_a_minute(&tuning, &clock).await;
         }
         assert!(matches!(tuning.report(report_of(&trials[0])).await, Ok(Reported::Taken(_))), "late");
         assert!(matches!(tuning.report(report_of(&trials[0])).await, Ok(Reported::Duplicate(_))));

@@ -142,12 +142,10 @@ pub(super) fn misfit(study: &str, error: impl std::fmt::Display) -> Error {
 
 #[cfg(test)]
 mod tests {
-    use treewright_core::policy::Policy;
-    use treewright_core::study::StudySpec;
     use treewright_store::MemoryStore;
 
     use super::super::Tuning;
-    use super::super::checkpoints::tests::{frame, spec, suggested};
+    use super::super::checkpoints::tests::{alive, explore, frame, spec, sweep_a_minute};
     use super::*;
     use crate::clock::ManualClock;
 
@@ -176,29 +174,17 @@ mod tests {
         let (store, clock) = (Arc::new(MemoryStore::new()), Arc::new(ManualClock::at(1_000)));
         let start = || Tuning::new(Arc::clone(&store) as _, Arc::clone(&clock) as _);
         let mut tuning = start();
-        let policy = Policy { epsilon: 1.0, ..spec().policy };
-        tuning.create_study("hall", &StudySpec { policy, ..spec() }).await.expect("created");
-        for _ in 0..4 {
-            frame(&tuning, "one", 0.5).await;
-        }
-        tuning.sweep_leases().await.expect("swept");
+        explore(&tuning).await;
         let mut trials = Vec::new();
         for number in 0..4 {
-            let handed_out = suggested(&tuning, "one", 0.5).await.number;
-            // The client shows that it lives, so that its silence means something.
-            let name = crate::convert::names::TrialName { study: "hall".into(), number: handed_out };
-            tuning.extend_lease(&name).await.expect("it is open");
-            trials.push(handed_out);
+            trials.push(alive(&tuning, "one").await.number);
             if is_away(number) {
                 clock.advance_ms(60_001);
                 if restarts {
                     tuning = start();
                 }
             } else {
-                for _ in 0..61 {
-                    clock.advance_ms(1_000);
-                    tuning.sweep_leases().await.expect("swept");
-                }
+                sweep_a_minute(&tuning, &clock).await;
             }
             tuning.sweep_leases().await.expect("swept");
         }

@@ -165,28 +165,16 @@ mod tests {
     use treewright_core::study::StudySpec;
     use treewright_core::trial::{Mode, Trial};
     use treewright_core::tuner::Ask;
-    use treewright_store::MemoryStore;
 
     use super::*;
-    use crate::clock::ManualClock;
-    use crate::convert::from_proto::Suggest;
-    use crate::tuning::checkpoints::tests::{frame, spec};
+    use crate::tuning::checkpoints::tests::{frame, in_memory, spec, suggested};
 
     async fn tuning() -> Tuning {
-        let tuning = Tuning::new(Arc::new(MemoryStore::new()), Arc::new(ManualClock::at(1_000)));
+        let tuning = in_memory();
         let (search, predictor) = (SearchMethod::Auto, PredictorMethod::Auto);
         let policy = Policy { search, predictor, epsilon: 1.0, ..Policy::default() };
         tuning.create_study("hall", &StudySpec { policy, ..spec() }).await.expect("created");
         tuning
-    }
-
-    async fn suggest(tuning: &Tuning, client_id: &str) -> Trial {
-        let indicators = [("x".to_owned(), 0.5)].into();
-        let ask = Ask { client_id: client_id.to_owned(), indicators, ..Ask::default() };
-        tuning
-            .suggest(Suggest { study: "hall".into(), ask, wanted: None, space_revision: 0 })
-            .await
-            .expect("a trial")
     }
 
     fn is_by_model(trial: &Trial) -> bool {
@@ -236,13 +224,13 @@ mod tests {
         let token = runtime.peek(|live| live.planned_searches.take(StateId(state))).expect("in memory");
         let mut distinct = std::collections::BTreeSet::new();
         for number in 0..20 {
-            let meanwhile = suggest(&tuning, &format!("two {number}")).await;
+            let meanwhile = suggested(&tuning, &format!("two {number}"), 0.5).await;
             assert_eq!(meanwhile.mode(), Mode::Explore, "{meanwhile:?}");
             distinct.insert(meanwhile.configuration);
         }
         assert_eq!(distinct.len(), 20, "nobody measures what another measures");
         drop(token);
-        let after = suggest(&tuning, "three").await;
+        let after = suggested(&tuning, "three", 0.5).await;
         assert_eq!(after.mode(), Mode::Explore, "{after:?}");
         assert!(distinct.insert(after.configuration), "and not what is being measured already");
     }
@@ -255,18 +243,13 @@ mod tests {
         }
         let all = u32::try_from(tuning.planning_permits.available_permits()).expect("few processors");
         let places = tuning.planning_permits.acquire_many(all).await.expect("never closed");
-        assert_eq!(suggest(&tuning, "two").await.mode(), Mode::Explore, "a guess near the best");
-        let predicted = tuning
-            .predict(&"hall".into(), &[("x".to_owned(), 0.9)].into(), None, None, 0)
-            .await
-            .expect("an answer");
+        assert_eq!(suggested(&tuning, "two", 0.5).await.mode(), Mode::Explore, "a guess near the best");
+        let (study, far) = ("hall".into(), [("x".to_owned(), 0.9)].into());
+        let predicted = tuning.predict(&study, &far, None, None, 0).await.expect("an answer");
         assert_eq!(predicted.reason().source, "default", "nothing was measured there");
         drop(places);
-        assert_eq!(suggest(&tuning, "three").await.mode(), Mode::Explore);
-        let predicted = tuning
-            .predict(&"hall".into(), &[("x".to_owned(), 0.9)].into(), None, None, 0)
-            .await
-            .expect("an answer");
+        assert_eq!(suggested(&tuning, "three", 0.5).await.mode(), Mode::Explore);
+        let predicted = tuning.predict(&study, &far, None, None, 0).await.expect("an answer");
         let source = predicted.reason().source;
         assert!(["portfolio", "contextual"].contains(&source.as_str()), "what others know: {source}");
     }
