@@ -115,108 +115,64 @@ const NOON: usize = DAY / 2;
 
 /// One event for each alert: most on the first day at noon, and a certificate that is renewed too late.
 fn events() -> Vec<Event> {
-    let event = |alert, series, fires, margin| Event { alert, series, begins: NOON, fires, margin };
-    let refused = |reason: &'static str, per_minute, minutes| {
-        vec![(reason, more(rising(0.0), NOON, NOON + minutes, per_minute))]
+    // It must fire in these minutes after noon.
+    let event = |alert, series, fires: std::ops::Range<usize>, margin| {
+        let fires = NOON + fires.start..NOON + fires.end;
+        Event { alert, series, begins: NOON, fires, margin }
     };
-    let slow = |bucket: &'static str| (bucket, more(rising(6000.0), NOON, NOON + 60, -5400.0));
+    let level_for = |series: &'static str, usual, minutes, value| {
+        vec![(series, between(level(usual), NOON, NOON + minutes, value))]
+    };
+    let more_for = |series: &'static str, usual, minutes, per_minute| {
+        (series, more(rising(usual), NOON, NOON + minutes, per_minute))
+    };
+    let refused = |reason, per_minute, minutes| vec![more_for(reason, 0.0, minutes, per_minute)];
+    let slow = |bucket| more_for(bucket, 6000.0, 60, -5400.0);
+    let waiting =
+        vec![more_for("le=\"0.0\"", 5700.0, 60, -5700.0), more_for("le=\"100.0\"", 6000.0, 60, -5900.0)];
+    let expired = vec![more_for("treewright_expired_leases_total", 6.0, 120, 3000.0)];
     let full = f64::from(u32::try_from(NOON * 60).expect("small"));
+    // One that ends fourteen days after this noon; a day later another, that ends within a day; then a good
+    // one.
+    let first = level(full + 14.0 * DAY_S);
+    let second = between(first, NOON + DAY, NOON + DAY + HOUR, full + 2.0 * DAY_S);
+    let third = between(second, NOON + DAY + HOUR, WEEK + 1, full + 90.0 * DAY_S);
+    let certificates = vec![("treewright_certificate_expiry_seconds", third)];
+    // One in the first hour, and then none for three days.
+    let later = between(level(3600.0), 3 * DAY, 5 * DAY, 3.0 * DAY_S);
+    let backups = vec![("treewright_last_backup_seconds", between(later, 5 * DAY, WEEK + 1, 5.0 * DAY_S))];
     vec![
-        event(
-            "TreewrightDown",
-            vec![("up{", between(level(1.0), NOON, NOON + 30, 0.0))],
-            NOON + 2..NOON + 30,
-            1,
-        ),
-        event("TreewrightStoreSlow", vec![slow("le=\"0.05\""), slow("le=\"0.2\"")], NOON + 15..NOON + 60, 10),
-        event("TreewrightStoreFails", refused("reason=\"store\"", 3.0, 30), NOON + 7..NOON + 30, 7),
-        event(
-            "TreewrightConnectionsFull",
-            refused("reason=\"made_room\"", 60.0, 60),
-            NOON + 12..NOON + 60,
-            7,
-        ),
-        event("TreewrightBusy", refused("reason=\"busy\"", 600.0, 60), NOON + 15..NOON + 60, 7),
-        event(
-            "TreewrightLeasesExpire",
-            vec![("treewright_expired_leases_total", more(rising(6.0), NOON, NOON + 120, 3000.0))],
-            NOON + 30..NOON + 120,
-            16,
-        ),
+        event("TreewrightDown", level_for("up{", 1.0, 30, 0.0), 2..30, 1),
+        event("TreewrightStoreSlow", vec![slow("le=\"0.05\""), slow("le=\"0.2\"")], 15..60, 10),
+        event("TreewrightStoreFails", refused("reason=\"store\"", 3.0, 30), 7..30, 7),
+        event("TreewrightConnectionsFull", refused("reason=\"made_room\"", 60.0, 60), 12..60, 7),
+        event("TreewrightBusy", refused("reason=\"busy\"", 600.0, 60), 15..60, 7),
+        event("TreewrightLeasesExpire", expired, 30..120, 16),
         // The first one of all.
-        event("TreewrightDefect", refused("reason=\"defect\"", 1.0, 1), NOON + 2..NOON + 60, 3),
-        event(
-            "TreewrightDiskSilent",
-            vec![("treewright_since_durable_seconds", between(level(0.1), NOON, NOON + 20, 60.0))],
-            NOON + 1..NOON + 20,
-            1,
-        ),
-        event(
-            "TreewrightLogGrows",
-            vec![("treewright_database_log_bytes", between(level(60e6), NOON, NOON + 90, 2e9))],
-            NOON + 30..NOON + 90,
-            1,
-        ),
-        event("TreewrightReplicaSilent", refused("outcome=\"silent\"", 6.0, 30), NOON + 7..NOON + 30, 7),
-        event(
-            "TreewrightClientsWait",
-            vec![
-                ("le=\"0.0\"", more(rising(5700.0), NOON, NOON + 60, -5700.0)),
-                ("le=\"100.0\"", more(rising(6000.0), NOON, NOON + 60, -5900.0)),
-            ],
-            NOON + 30..NOON + 60,
-            16,
-        ),
+        event("TreewrightDefect", refused("reason=\"defect\"", 1.0, 1), 2..60, 3),
+        event("TreewrightDiskSilent", level_for("treewright_since_durable_seconds", 0.1, 20, 60.0), 1..20, 1),
+        event("TreewrightLogGrows", level_for("treewright_database_log_bytes", 60e6, 90, 2e9), 30..90, 1),
+        event("TreewrightReplicaSilent", refused("outcome=\"silent\"", 6.0, 30), 7..30, 7),
+        event("TreewrightClientsWait", waiting, 30..60, 16),
         event(
             "TreewrightDescriptorsFull",
-            vec![("treewright_descriptors{", between(level(4000.0), NOON, NOON + 60, 69_000.0))],
-            NOON + 10..NOON + 60,
+            level_for("treewright_descriptors{", 4000.0, 60, 69_000.0),
+            10..60,
             1,
         ),
-        event(
-            "TreewrightUnfinished",
-            vec![("treewright_unfinished_bytes", between(level(2e5), NOON, NOON + 60, 120e6))],
-            NOON + 10..NOON + 60,
-            1,
-        ),
-        event("TreewrightStrangers", refused("reason=\"token\"", 600.0, 60), NOON + 15..NOON + 60, 7),
-        // A certificate that ends fourteen days after this noon; a day later another, that ends within a day;
-        // then a good one.
-        event(
-            "TreewrightCertificateEnds",
-            vec![(
-                "treewright_certificate_expiry_seconds",
-                between(
-                    between(level(full + 14.0 * DAY_S), NOON + DAY, NOON + DAY + HOUR, full + 2.0 * DAY_S),
-                    NOON + DAY + HOUR,
-                    WEEK + 1,
-                    full + 90.0 * DAY_S,
-                ),
-            )],
-            NOON + HOUR + 1..NOON + DAY + HOUR,
-            2,
-        ),
+        event("TreewrightUnfinished", level_for("treewright_unfinished_bytes", 2e5, 60, 120e6), 10..60, 1),
+        event("TreewrightStrangers", refused("reason=\"token\"", 600.0, 60), 15..60, 7),
+        event("TreewrightCertificateEnds", certificates, HOUR + 1..DAY + HOUR, 2),
         Event {
             begins: NOON + DAY - 1,
-            ..event("TreewrightCertificateEndsNow", Vec::new(), NOON + DAY..NOON + DAY + HOUR, 1)
+            ..event("TreewrightCertificateEndsNow", Vec::new(), DAY..DAY + HOUR, 1)
         },
-        // One in the first hour, and then none for three days.
         Event {
+            alert: "TreewrightBackupOld",
+            series: backups,
             begins: 2 * DAY + HOUR,
-            ..event(
-                "TreewrightBackupOld",
-                vec![(
-                    "treewright_last_backup_seconds",
-                    between(
-                        between(level(3600.0), 3 * DAY, 5 * DAY, 3.0 * DAY_S),
-                        5 * DAY,
-                        WEEK + 1,
-                        5.0 * DAY_S,
-                    ),
-                )],
-                2 * DAY + 2 * HOUR + 1..3 * DAY,
-                2,
-            )
+            fires: 2 * DAY + 2 * HOUR + 1..3 * DAY,
+            margin: 2,
         },
     ]
 }
