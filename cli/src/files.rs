@@ -9,9 +9,6 @@ use crate::failure::Failure;
 const TEXT_BYTES: u64 = 64 << 20;
 
 /// Reads a text file; `-` is standard input.
-///
-/// # Errors
-/// [`Failure::File`].
 pub(crate) fn read_text(path: &Path) -> Result<String, Failure> {
     let problem = |error: std::io::Error| Failure::file(path, error.to_string());
     let mut text = String::new();

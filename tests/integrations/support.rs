@@ -6,9 +6,6 @@ use std::process::{Command, Output};
 use treewright_tests::programs::{program, workspace};
 
 /// Runs a command to its end and returns its standard output.
-///
-/// # Panics
-/// When it cannot be started or fails; with all that it said.
 pub(crate) fn succeed(command: &mut Command) -> String {
     let shown = format!("{command:?}");
     let output: Output = command.output().unwrap_or_else(|error| panic!("{shown} does not start: {error}"));

@@ -16,34 +16,22 @@ pub struct Daemon {
 
 impl Daemon {
     /// Starts a daemon on any free port.
-    ///
-    /// # Panics
-    /// When it does not say where it listens.
     pub fn start(database: &Path) -> Self {
         Self::start_at(database, &lasting_address())
     }
 
     /// Starts a daemon at an address, e.g. the one that an earlier daemon had.
-    ///
-    /// # Panics
-    /// When it does not say where it listens.
     pub fn start_at(database: &Path, address: &str) -> Self {
         Self::start_at_with(database, address, &[])
     }
 
     /// Starts a daemon at an address with further arguments.
-    ///
-    /// # Panics
-    /// When it does not say where it listens.
     pub fn start_at_with(database: &Path, address: &str, arguments: &[&str]) -> Self {
         let all = [&["--listen", address], arguments].concat();
         Self::spawn(Command::new(program("treewrightd")), database, &all, Stdio::inherit())
     }
 
     /// Starts a daemon on any free port with further arguments, and its log in a file.
-    ///
-    /// # Panics
-    /// When it does not say where it listens.
     pub fn start_with(database: &Path, arguments: &[&str], log: &Path) -> Self {
         let log = std::fs::File::create(log).expect("a file for the log");
         let address = lasting_address();
@@ -54,17 +42,11 @@ impl Daemon {
 
     /// Starts a daemon on any free port by a command that ends in the program, which it becomes: one of a
     /// [sandbox](crate::sandbox).
-    ///
-    /// # Panics
-    /// When it does not say where it listens.
     pub fn start_by(command: Command, database: &Path) -> Self {
         Self::start_by_at(command, database, "127.0.0.1:0")
     }
 
     /// As [`Daemon::start_by`], at an address.
-    ///
-    /// # Panics
-    /// When it does not say where it listens.
     pub fn start_by_at(command: Command, database: &Path, address: &str) -> Self {
         Self::spawn(command, database, &["--listen", address], Stdio::inherit())
     }
@@ -106,9 +88,6 @@ impl Daemon {
     }
 
     /// Sends a signal, such as `HUP`.
-    ///
-    /// # Panics
-    /// When it cannot be sent.
     pub fn signal(&self, name: &str) {
         let number = self.process.id().to_string();
         let sent = Command::new("kill").args([&format!("-{name}"), &number]).status().expect("kill runs");
@@ -116,9 +95,6 @@ impl Daemon {
     }
 
     /// The memory that it has in use, as Linux counts it.
-    ///
-    /// # Panics
-    /// When it is gone.
     pub fn memory_bytes(&self) -> u64 {
         let file = format!("/proc/{}/status", self.process.id());
         let status = std::fs::read_to_string(file).expect("the daemon runs");
@@ -128,9 +104,6 @@ impl Daemon {
     }
 
     /// Processor time that it has used, user and system, in seconds, as Linux counts it.
-    ///
-    /// # Panics
-    /// When it is gone.
     pub fn processor_s(&self) -> f64 {
         /// The value of `sysconf(_SC_CLK_TCK)` on every Linux.
         const TICKS_PER_S: f64 = 100.0;
@@ -143,9 +116,6 @@ impl Daemon {
     }
 
     /// The targets of its descriptors, as Linux names them.
-    ///
-    /// # Panics
-    /// When it is gone.
     pub fn open_files(&self) -> Vec<PathBuf> {
         let folder = format!("/proc/{}/fd", self.process.id());
         let descriptors = std::fs::read_dir(folder).expect("the daemon runs");
@@ -154,18 +124,12 @@ impl Daemon {
     }
 
     /// `kill -9`, and waits until it is gone.
-    ///
-    /// # Panics
-    /// When the process cannot be killed.
     pub fn kill(mut self) {
         self.process.kill().expect("the daemon can be killed");
         self.process.wait().expect("the daemon can be waited for");
     }
 
     /// SIGTERM, and waits for a polite end.
-    ///
-    /// # Panics
-    /// When it has not ended after half a minute.
     pub fn terminate(mut self) -> ExitStatus {
         self.signal("TERM");
         let patience = Instant::now() + Duration::from_secs(120);

@@ -11,17 +11,11 @@ const FIRST: u32 = 12_000;
 const COUNT: u32 = 20_000;
 
 /// `127.0.0.1:PORT` with a [lasting port](lasting_port).
-///
-/// # Panics
-/// When none of a thousand ports is free.
 pub fn lasting_address() -> String {
     format!("127.0.0.1:{}", lasting_port())
 }
 
 /// A port of the loopback that is free now and that no other program is given while its owner is away.
-///
-/// # Panics
-/// When none of a thousand ports is free.
 pub fn lasting_port() -> u16 {
     static NEXT: AtomicU32 = AtomicU32::new(0);
     // Test programs that run at the same time begin far from one another.

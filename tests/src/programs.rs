@@ -15,9 +15,6 @@ pub fn workspace() -> PathBuf {
 
 /// Path of a program of the workspace, `treewrightd`, `treewright` or `treewright-render`, or of a shared
 /// library such as `libtreewright.so`.
-///
-/// # Panics
-/// When the workspace does not build.
 pub fn program(name: &str) -> PathBuf {
     static FOLDER: OnceLock<PathBuf> = OnceLock::new();
     let folder = FOLDER.get_or_init(|| {
@@ -46,9 +43,6 @@ pub fn program(name: &str) -> PathBuf {
 }
 
 /// Runs a program to its end, from a folder that is not the checkout.
-///
-/// # Panics
-/// When it cannot be started.
 pub fn run(name: &str, arguments: &[&str]) -> Output {
     Command::new(program(name))
         .current_dir(std::env::temp_dir())
@@ -59,9 +53,6 @@ pub fn run(name: &str, arguments: &[&str]) -> Output {
 }
 
 /// Makes a token for the daemon of a database, with the daemon's own command.
-///
-/// # Panics
-/// When it cannot be made.
 pub fn token(database: &Path, more: &[&str]) -> String {
     let database = database.to_str().expect("a path of text");
     let mut arguments = vec!["token", "create", "--database", database, "--name", "a test"];

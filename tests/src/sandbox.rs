@@ -23,9 +23,6 @@ pub fn skip(what: &str, why: &str) {
 
 /// A tool that `tools/setup.py --tests` installs where it can, which is as root: there, and under `CI=true`,
 /// a test that needs it must run.
-///
-/// # Panics
-/// When it must and cannot.
 pub fn expect_installed(tool: &str) {
     let must = std::env::var("CI").is_ok_and(|ci| ci == "true")
         && std::fs::metadata("/proc/self").is_ok_and(|this| this.uid() == 0);
@@ -121,9 +118,6 @@ impl Clock {
     }
 
     /// Sets it, for example to `+1d` or `-1d`.
-    ///
-    /// # Panics
-    /// When its file cannot be written.
     pub fn set(&self, offset: &str) {
         // By a rename, so that no reader sees half of it.
         let draft = self.file.with_extension("new");

@@ -12,9 +12,6 @@ use crate::failure::Failure;
 use crate::show;
 
 /// Writes trials as a table.
-///
-/// # Errors
-/// [`Failure::Output`], and what reading the trials gives.
 pub(crate) fn write(
     out: impl Write,
     spec: &StudySpec,
@@ -50,9 +47,6 @@ fn output(error: csv::Error) -> Failure {
 }
 
 /// Reads trials of a study from a table with a header.
-///
-/// # Errors
-/// [`Failure::File`] with the line.
 pub(crate) fn read(path: &Path, spec: &StudySpec) -> Result<Vec<CarriedTrial>, Failure> {
     let file = std::fs::File::open(path).map_err(|error| Failure::file(path, error.to_string()))?;
     let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();

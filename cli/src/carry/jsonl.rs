@@ -42,9 +42,6 @@ impl Header {
 }
 
 /// Writes a line.
-///
-/// # Errors
-/// [`Failure::Output`], [`Failure::Json`].
 pub(crate) fn write_line(out: &mut impl Write, record: &impl Serialize) -> Result<(), Failure> {
     let mut line = serde_json::to_vec(record)?;
     line.push(b'\n');
@@ -52,9 +49,6 @@ pub(crate) fn write_line(out: &mut impl Write, record: &impl Serialize) -> Resul
 }
 
 /// Opens an export: its first line, and the trials one after the other.
-///
-/// # Errors
-/// [`Failure::File`] with the line.
 pub(crate) fn read(
     path: &Path,
 ) -> Result<(Header, impl Iterator<Item = Result<CarriedTrial, Failure>>), Failure> {

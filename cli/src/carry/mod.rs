@@ -175,9 +175,6 @@ pub(crate) struct Importer<'a> {
 
 impl<'a> Importer<'a> {
     /// Looks at what the study has already.
-    ///
-    /// # Errors
-    /// When its trials cannot be read.
     pub(crate) fn new(
         client: &'a Client,
         study: &'a StudyRecord,
@@ -206,9 +203,6 @@ impl<'a> Importer<'a> {
     }
 
     /// Adds the trials that the study does not hold yet.
-    ///
-    /// # Errors
-    /// When a trial cannot be read, or the daemon cannot be reached.
     pub(crate) fn run(
         mut self,
         trials: impl Iterator<Item = Result<CarriedTrial, Failure>>,

@@ -20,9 +20,6 @@ use crate::study_file::StudyFile;
 /// Steps of a parameter that are written out as choices, at most.
 const CHOICES_MAX: f64 = 64.0;
 /// Reads a study.
-///
-/// # Errors
-/// [`Failure::File`] when the file is no such database, or the study is not in it.
 pub(crate) fn read(path: &Path, name: &str) -> Result<Foreign, Failure> {
     read_with(path, read_study(path, name))
 }

@@ -33,9 +33,6 @@ const STUDY_KEY: &str = "treewright_study";
 const ROW_GROUP: usize = 100_000;
 
 /// Writes trials with their study.
-///
-/// # Errors
-/// [`Failure::Output`], and what reading the trials gives.
 pub(crate) fn write(
     out: impl Write + Send,
     header: &Header,
@@ -137,9 +134,6 @@ fn text(cell: TrialCell) -> Option<ByteArray> {
 }
 
 /// Reads trials, and the study where an export wrote it.
-///
-/// # Errors
-/// [`Failure::File`] with the row.
 pub(crate) fn read(path: &Path) -> Result<(Option<Header>, Vec<CarriedTrial>), Failure> {
     let file = File::open(path).map_err(|error| Failure::file(path, error.to_string()))?;
     let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();

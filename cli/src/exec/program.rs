@@ -85,9 +85,6 @@ pub(crate) enum Run {
 impl Runner<'_> {
     /// Runs a command, at a level where the study has several. `abort_after` ends it early; `alive` is called
     /// now and then while it runs, and must not wait.
-    ///
-    /// # Errors
-    /// When it cannot be started at all.
     pub(crate) fn run(
         &self,
         command: &[String],

@@ -294,9 +294,6 @@ pub(crate) enum Language {
 
 impl StudyFile {
     /// Reads a file; `-` is standard input.
-    ///
-    /// # Errors
-    /// [`Failure::File`] with line and column of the fault.
     pub(crate) fn read(path: &Path) -> Result<Self, Failure> {
         let text = crate::files::read_text(path)?;
         let is_json = path.extension().is_some_and(|extension| extension == "json")
@@ -324,9 +321,6 @@ impl StudyFile {
     }
 
     /// The specification that the file describes.
-    ///
-    /// # Errors
-    /// [`Failure::Usage`] naming the entry.
     pub(crate) fn spec(&self) -> Result<StudySpec, Failure> {
         let parameters = self.parameters.iter().map(|entry| entry.parameter(&self.parameters));
         let mut space = Space::builder();
@@ -379,9 +373,6 @@ impl StudyFile {
     }
 
     /// The file that describes a stored study.
-    ///
-    /// # Errors
-    /// When this version cannot read the study's space.
     pub(crate) fn of(study: &StudyRecord) -> Result<Self, Failure> {
         let spec = study.spec()?;
         let mut file = Self::of_spec(spec);

@@ -129,10 +129,8 @@ impl ConnectionSlots {
         self.taken.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// A slot for a connection from an origin, once another has made room for it.
-    ///
-    /// # Errors
-    /// The reached limit, in one word for counting.
+    /// A slot for a connection from an origin, once another has made room for it; or the reached limit, in
+    /// one word for counting.
     pub(super) async fn take(&self, origin: Origin) -> Result<ConnectionSlot, &'static str> {
         let taking = async {
             loop {

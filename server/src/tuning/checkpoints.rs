@@ -53,9 +53,6 @@ impl Tuning {
     }
 
     /// Waits until no checkpoint is being saved; none is until the permit is dropped.
-    ///
-    /// # Errors
-    /// [`Error::Defect`], as the semaphore is never closed.
     pub(super) async fn pause_checkpoints(&self) -> Result<SemaphorePermit<'_>, Error> {
         self.saving.acquire().await.map_err(|_| Error::Defect("checkpoints are saved no more"))
     }

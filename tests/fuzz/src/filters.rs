@@ -26,9 +26,6 @@ static TRIAL: LazyLock<RawTrial> = LazyLock::new(|| {
 });
 
 /// Parses a text as each of the languages that requests carry.
-///
-/// # Panics
-/// When it finds a defect.
 pub fn run(text: &str) {
     if let Ok(filter) = Filter::parse(text) {
         let _ = filter.matches(&TRIAL);

@@ -5,9 +5,6 @@ use treewright_cli::printed::{Printed, Wanted, read};
 use treewright_client::{Measurements, ObjectiveTerm};
 
 /// Reads the bytes as they are, and once more with a result behind them.
-///
-/// # Panics
-/// When the measurements break a rule.
 pub fn run(bytes: &[u8]) {
     let out = String::from_utf8_lossy(bytes);
     let read = |out: &str| {

@@ -86,9 +86,6 @@ rpcs! {
 }
 
 /// Sends a request: a byte that says which, and its message.
-///
-/// # Panics
-/// When it finds a defect.
 pub fn run(bytes: &[u8]) {
     let Some((&kind, bytes)) = bytes.split_first() else { return };
     let kind = KINDS[usize::from(kind) % KINDS.len()];

@@ -6,9 +6,6 @@ use std::sync::Arc;
 use treewright_scene::motion::{Motion, Mover};
 
 /// Reads a scene: a byte that says which format, and the file.
-///
-/// # Panics
-/// When it finds a defect, or there is no room for the file.
 pub fn run(bytes: &[u8]) {
     let Some((&kind, bytes)) = bytes.split_first() else { return };
     let ending = [".glb", ".gltf", ".ply", ".obj"][usize::from(kind) % 4];

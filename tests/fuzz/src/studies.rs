@@ -15,9 +15,6 @@ const FRAMES: usize = 3;
 const FRAMES_OF_MODELS: usize = 12;
 
 /// Tunes a study: eight bytes that become costs, and its specification.
-///
-/// # Panics
-/// When it finds a defect.
 pub fn run(bytes: &[u8]) {
     let Some((head, body)) = bytes.split_at_checked(8) else { return };
     let Ok(study) = wire::Study::decode(body) else { return };

@@ -26,9 +26,6 @@ pub struct Database {
 
 impl Database {
     /// Makes a database on the server of `DATABASE_URL`, or else on one that this process starts once.
-    ///
-    /// # Panics
-    /// When there is no server and none can be started.
     pub async fn create() -> Self {
         static PRIVATE: OnceLock<Server> = OnceLock::new();
         match std::env::var("DATABASE_URL") {
@@ -46,9 +43,6 @@ impl Database {
 
     /// Makes a database on a server and returns its address. `through` is the address of any other database
     /// there.
-    ///
-    /// # Panics
-    /// When the server does not want to.
     pub async fn create_on(through: &str) -> String {
         static COUNT: AtomicU32 = AtomicU32::new(0);
         let number = COUNT.fetch_add(1, Ordering::Relaxed);
@@ -79,18 +73,12 @@ impl Database {
     }
 
     /// A direct connection to it, past the tested code.
-    ///
-    /// # Panics
-    /// When the server does not want to.
     pub async fn connect(&self) -> PgConnection {
         PgConnection::connect(&self.url).await.expect("the server lets us in")
     }
 }
 
 /// The address of the replica that holds a study, if one does.
-///
-/// # Panics
-/// When the server does not answer.
 pub async fn holder_of(connection: &mut PgConnection, study: &str) -> Option<String> {
     let holder = "SELECT replicas.address FROM studies JOIN replicas ON replicas.id = studies.owner WHERE studies.name = $1";
     sqlx::query_scalar(holder).bind(study).fetch_optional(connection).await.expect("the server answers")

@@ -25,9 +25,6 @@ pub struct Server {
 
 impl Server {
     /// Makes a server in a temporary folder and starts it on a free port.
-    ///
-    /// # Panics
-    /// When PostgreSQL is not installed or does not start.
     #[allow(clippy::new_without_default)] // It is no value but a process.
     pub fn start() -> Self {
         let programs = programs();
@@ -65,17 +62,11 @@ impl Server {
     }
 
     /// Stops it as a restart of the machine would: sessions are ended, nothing acknowledged is lost.
-    ///
-    /// # Panics
-    /// When it does not stop.
     pub fn stop(&self) {
         succeed(&mut self.control(&["-m", "fast", "stop"]), "pg_ctl stop");
     }
 
     /// Starts it again at its old address.
-    ///
-    /// # Panics
-    /// When it does not start.
     pub fn start_again(&self) {
         assert!(self.try_start(), "PostgreSQL does not start: {}", self.log());
     }

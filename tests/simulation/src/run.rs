@@ -15,9 +15,6 @@ use crate::{client, machine_life, replay, requests};
 const QUIET: Duration = Duration::from_secs(900);
 
 /// Runs a world to its end.
-///
-/// # Panics
-/// When the runtime cannot be built, or the simulator itself has a defect.
 pub fn run(plan: Plan) -> Outcome {
     let runtime = tokio::runtime::Builder::new_current_thread()
         .enable_time()

@@ -24,9 +24,6 @@ use super::foreign::{Foreign, METRIC, check_names, json_of, our_name, read_with}
 use crate::failure::Failure;
 
 /// Reads a study by its whole name, `owners/OWNER/studies/STUDY`, or by the last part of it.
-///
-/// # Errors
-/// [`Failure::File`] when the file is no such database, the study is not in it, or it cannot be one here.
 pub(crate) fn read(path: &Path, name: &str) -> Result<Foreign, Failure> {
     read_with(path, read_study(path, name))
 }

@@ -83,9 +83,6 @@ pub(crate) struct Cost {
 }
 
 /// Builds a tree over the mesh and traces this many rays through it.
-///
-/// # Errors
-/// When the configuration lacks a value, or names one that no library of this build has.
 pub(crate) fn run(configuration: &Configuration, mesh: &Mesh, rays: u32) -> Result<Cost, Box<dyn Error>> {
     (named(configuration.text("library")?)?.run)(configuration, mesh, rays)
 }
