@@ -239,4 +239,4 @@ fn condition(filter: String, table: &Table) -> Condition {
 }
 
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;

@@ -31,7 +31,14 @@ fn spec() -> StudySpec {
 }
 
 /// A trial as the service would tell it.
-fn trial(number: u64, state: i64, values: [i64; 2], idle: bool, kind: &str, ms: f64) -> TrialRecord {
+pub(crate) fn trial(
+    number: u64,
+    state: i64,
+    values: [i64; 2],
+    idle: bool,
+    kind: &str,
+    ms: f64,
+) -> TrialRecord {
     let configuration = Configuration::new()
         .with("steep", values[0])
         .with("bowl", values[1])

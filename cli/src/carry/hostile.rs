@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use sqlx::ConnectOptions as _;
 use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode, SqliteSynchronous};
 #[cfg(feature = "parquet")]
-use treewright_client::{Indicators, Measurements, Mode, OpenEnum, Outcome, Reason, TrialRecord, TrialState};
+use treewright_client::{Indicators, Measurements, TrialRecord};
 
 use super::{csv_table, jsonl, optuna, vizier};
 use crate::study_file::StudyFile;
@@ -97,29 +97,11 @@ fn damaged_tables_are_refused() {
 fn damaged_parquet_files_are_refused() {
     let spec = study().spec().expect("a specification");
     let trial = TrialRecord {
-        name: "studies/a/trials/1".into(),
-        client_id: "test".into(),
-        state_id: 1,
         indicators: Indicators::new(),
         configuration: spec.space.default_configuration().into(),
-        unreadable: Vec::new(),
-        mode: OpenEnum::Known(Mode::Explore),
-        predicted_cost: None,
-        reason: Reason::default(),
-        lease_expire_time: None,
-        state: OpenEnum::Known(TrialState::Completed),
         measurements: Measurements::new().with("loss", 1.5),
         standard_errors: Measurements::new().with("loss", 0.25),
-        cost: Some(1.5),
-        outcome: Some(OpenEnum::Known(Outcome::Ok)),
-        late: false,
-        create_time: None,
-        complete_time: None,
-        fingerprint: None,
-        abort_above: None,
-        origin: None,
-        fidelity: None,
-        exclusion: None,
+        ..crate::analysis::tests::trial(1, 1, [0, 1], false, "a", 1.5)
     };
     let mut whole = Vec::new();
     let header = jsonl::Header::new("here", study());
