@@ -38,7 +38,7 @@ use crate::tls::Tls;
 use crate::trouble::Trouble;
 
 pub(crate) use activity::{Activity, UnderWay};
-use authority::LocalStream;
+use authority::with_valid_hosts;
 pub(crate) use body::{answer_body, request_body};
 pub use slots::ConnectionLimits;
 pub(crate) use slots::{ConnectionSlot, ConnectionSlots};
@@ -141,7 +141,7 @@ impl Acceptor {
     /// A Unix socket needs no encryption, because only its two ends read it.
     async fn take_local(&self, stream: UnixStream) {
         if let Some(activity) = self.slot(None).await {
-            self.hand_over(Box::new(LocalStream::new(stream)), activity).await;
+            self.hand_over(Box::new(with_valid_hosts(stream)), activity).await;
         }
     }
 
@@ -251,9 +251,7 @@ impl AsyncRead for Connection {
         let before = buffer.filled().len();
         let read = Pin::new(&mut self.transport).poll_read(context, buffer);
         if read.is_ready() {
-            debug_assert!(buffer.filled().len() >= before, "what was read before is gone");
-            let more = (buffer.filled().len() - before) as u64;
-            self.activity.read(more);
+            self.activity.read((buffer.filled().len() - before) as u64);
         } else if self.poll_overdue(context).is_ready() {
             self.count_lost("overdue");
             tracing::debug!("a connection on which nothing happened in time is closed");
@@ -270,9 +268,6 @@ impl AsyncWrite for Connection {
         bytes: &[u8],
     ) -> Poll<io::Result<usize>> {
         let written = Pin::new(&mut self.transport).poll_write(context, bytes);
-        if let Poll::Ready(Ok(count)) = &written {
-            debug_assert!(*count <= bytes.len(), "{count} of {} bytes are written", bytes.len());
-        }
         self.written(context, written)
     }
 
