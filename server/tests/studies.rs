@@ -347,11 +347,8 @@ async fn a_study_that_is_created_again_is_told_from_the_one_before_by_its_identi
     assert_refused(client.report(common::report(&stale.name, 0.001)).await, Code::NotFound, message);
     let abandon = wire::AbandonTrialRequest { trial: trial() };
     assert_refused(client.abandon_trial(abandon).await, Code::NotFound, message);
-    assert_refused(
-        client.extend_lease(wire::ExtendLeaseRequest { trial: trial() }).await,
-        Code::NotFound,
-        message,
-    );
+    let extend = wire::ExtendLeaseRequest { trial: trial() };
+    assert_refused(client.extend_lease(extend).await, Code::NotFound, message);
     assert_refused(client.get_trial(wire::GetTrialRequest { name: trial() }).await, Code::NotFound, message);
     let study = || identified(&before);
     assert_refused(client.suggest(ask(&study())).await, Code::NotFound, message);
@@ -360,17 +357,10 @@ async fn a_study_that_is_created_again_is_told_from_the_one_before_by_its_identi
     assert_refused(client.get_best(best).await, Code::NotFound, message);
     let query = wire::QueryTrialsRequest { study: study(), ..Default::default() };
     assert_refused(client.query_trials(query).await, Code::NotFound, message);
-    let predict = wire::PredictRequest {
-        study: study(),
-        indicators: [("triangles".into(), 1.0)].into(),
-        ..Default::default()
-    };
+    let predict = wire::PredictRequest { study: study(), ..common::predict() };
     assert_refused(client.predict(predict).await, Code::NotFound, message);
-    assert_refused(
-        client.delete_study(wire::DeleteStudyRequest { name: study() }).await,
-        Code::NotFound,
-        message,
-    );
+    let delete = wire::DeleteStudyRequest { name: study() };
+    assert_refused(client.delete_study(delete).await, Code::NotFound, message);
 
     // The new one's own frames go on, with and without its identity.
     let own = client.suggest(ask(&identified(&after))).await.expect("a trial").into_inner();
@@ -393,11 +383,8 @@ async fn who_names_a_study_by_its_identity_does_not_notice_that_it_is_renamed() 
     create(&mut client, "attic").await;
     assert_refused(client.rename_study(rename("studies/hall", "attic")).await, Code::AlreadyExists, "attic");
     assert_refused(client.rename_study(rename("studies/none", "loft")).await, Code::NotFound, "none");
-    assert_refused(
-        client.rename_study(rename("studies/hall", "Loft")).await,
-        Code::InvalidArgument,
-        "study_id",
-    );
+    let answer = client.rename_study(rename("studies/hall", "Loft")).await;
+    assert_refused(answer, Code::InvalidArgument, "study_id");
     let renamed = client.rename_study(rename("studies/hall", "loft")).await.expect("renamed").into_inner();
     assert_eq!((renamed.name.as_str(), &renamed.uid), ("studies/loft", &study.uid));
     assert_eq!(renamed.statistics.expect("counts").trials, 2);

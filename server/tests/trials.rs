@@ -166,16 +166,8 @@ async fn predictions_and_the_best_rest_on_reports() {
     let nearest = wire::Policy { epsilon: Some(1.0), predictor, ..Default::default() };
     let study = wire::Study { policy: Some(nearest), ..common::study() };
     client.create_study(common::creation("hall", study)).await.expect("created");
-    let predict = |count| wire::PredictRequest {
-        study: "studies/hall".to_owned(),
-        indicators: triangles(count),
-        ..Default::default()
-    };
-    let best = |indicators| wire::GetBestRequest {
-        study: "studies/hall".to_owned(),
-        indicators,
-        ..Default::default()
-    };
+    let predict = |count| wire::PredictRequest { indicators: triangles(count), ..common::predict() };
+    let best = |indicators| wire::GetBestRequest { indicators, ..common::best() };
     let before = client.predict(predict(10.0)).await.unwrap().into_inner();
     assert_eq!(before.mode(), wire::Mode::Default);
     assert_eq!(before.predicted_cost, None);
@@ -226,23 +218,13 @@ async fn a_client_begins_with_its_own_default() {
         }
         done(&mut client, &trial.name, if is_start { 7.0 } else { 9.0 }).await;
     }
-    let best = |start| wire::GetBestRequest {
-        study: "studies/hall".to_owned(),
-        indicators: triangles(10.0),
-        start,
-        ..Default::default()
-    };
+    let best = |start| wire::GetBestRequest { start, ..common::best() };
     let own = client.get_best(best(start.clone())).await.unwrap().into_inner();
     assert_eq!((own.default_cost, &own.configuration), (Some(7.0), &start));
     assert!(own.standing.is_some_and(|standing| standing.nothing_better), "nothing is better than it");
     let plain = client.get_best(best(None)).await.unwrap().into_inner();
     assert_eq!(plain.default_cost, Some(9.0), "others are told of the study's default");
-    let predict = |start| wire::PredictRequest {
-        study: "studies/hall".to_owned(),
-        indicators: triangles(10.0),
-        start,
-        ..Default::default()
-    };
+    let predict = |start| wire::PredictRequest { start, ..common::predict() };
     let predicted = client.predict(predict(start.clone())).await.unwrap().into_inner();
     assert_eq!(predicted.configuration, start);
 
@@ -363,12 +345,7 @@ fn exclude(trial: &wire::Trial, reason: &str) -> wire::ExcludeTrialRequest {
 }
 
 async fn best(client: &mut Client) -> wire::Best {
-    let request = wire::GetBestRequest {
-        study: "studies/hall".to_owned(),
-        indicators: triangles(10.0),
-        ..Default::default()
-    };
-    client.get_best(request).await.expect("something was measured").into_inner()
+    client.get_best(common::best()).await.expect("something was measured").into_inner()
 }
 
 #[tokio::test]

@@ -37,15 +37,15 @@ async fn load_soon(store: &PostgresStore, study: &str) -> Loaded {
     panic!("study {study} stays with a replica that is gone");
 }
 
-/// Waits until a notice has reached the store.
-async fn until(mut reached: impl FnMut() -> bool) {
+/// Waits until something has happened in the background.
+async fn until(what: &str, mut happened: impl AsyncFnMut() -> bool) {
     for _ in 0..1000 {
-        if reached() {
+        if happened().await {
             return;
         }
         tokio::time::sleep(Duration::from_millis(10)).await;
     }
-    panic!("the notice does not arrive");
+    panic!("{what}");
 }
 
 #[tokio::test]
@@ -133,7 +133,7 @@ async fn a_replica_that_was_taken_for_dead_stores_nothing_more() {
     }
     let taken = taken.expect("loaded").fence;
     // The notice reaches the first; and without it the epoch would have stopped its writes.
-    until(|| !held.holds()).await;
+    until("the notice does not arrive", async || !held.holds()).await;
     let refused = first.commit(&held, &[change(vec![open(1)])]).durable().await;
     assert!(matches!(refused, Err(StoreError::Fenced { .. })));
     second.commit(&taken, &[change(vec![open(1)])]).durable().await.unwrap();
@@ -179,20 +179,15 @@ async fn a_deleted_study_is_gone_for_every_replica_and_its_rows_follow() {
                   SELECT s.id, n, '[0.1]'::json FROM studies s, generate_series(2, 25000) n";
     assert_eq!(execute(&mut connection, states).await, 24_999);
     second.delete_study("hall", None).await.unwrap();
-    until(|| !held.holds()).await;
+    until("the notice does not arrive", async || !held.holds()).await;
     assert!(first.commit(&held, &[change(vec![open(50)])]).durable().await.is_err());
     assert!(first.get_study("hall").await.is_err());
-    for _ in 0..1000 {
-        let trials: i64 =
-            sqlx::query_scalar("SELECT count(*) FROM trials").fetch_one(&mut connection).await.unwrap();
-        let studies: i64 =
-            sqlx::query_scalar("SELECT count(*) FROM studies").fetch_one(&mut connection).await.unwrap();
-        if (trials, studies) == (0, 0) {
-            return;
-        }
-        tokio::time::sleep(Duration::from_millis(10)).await;
-    }
-    panic!("the rows of a deleted study stay");
+    let count = "SELECT (SELECT count(*) FROM trials) + (SELECT count(*) FROM studies)";
+    until("the rows of a deleted study stay", async || {
+        let rows: i64 = sqlx::query_scalar(count).fetch_one(&mut connection).await.unwrap();
+        rows == 0
+    })
+    .await;
 }
 
 #[tokio::test]
@@ -211,19 +206,14 @@ async fn of_due_leases_each_goes_to_one_replica() {
     assert_eq!(first.studies_with_due_leases(60_001).await.unwrap(), [""; 0]);
     assert_eq!(gone.studies_with_due_leases(60_001).await.unwrap().len(), 20);
     drop(gone);
-    let mut taken = Vec::new();
-    for _ in 0..1000 {
+    until("not all are swept", async || {
         let (left, right) =
             tokio::join!(first.studies_with_due_leases(60_001), second.studies_with_due_leases(60_001));
         let (left, right) = (left.unwrap(), right.unwrap());
         assert!(left.iter().all(|study| !right.contains(study)), "swept twice: {left:?} {right:?}");
-        taken = [left, right].concat();
-        if taken.len() == 20 {
-            return;
-        }
-        tokio::time::sleep(Duration::from_millis(10)).await;
-    }
-    panic!("only {taken:?} are swept");
+        left.len() + right.len() == 20
+    })
+    .await;
 }
 
 #[tokio::test]
@@ -237,8 +227,7 @@ async fn a_lost_connection_is_made_anew() {
                WHERE datname = current_database() AND pid <> pg_backend_pid()";
     execute(&mut other, end).await;
     // One write may fail with a reason; then all is as before.
-    let mut number = 1;
-    let mut fence = held;
+    let (mut number, mut fence) = (1, held);
     loop {
         match store.commit(&fence, &[change(vec![open(number)])]).durable().await {
             Ok(()) => break,
