@@ -19,12 +19,7 @@ pub(crate) enum Failure {
     Space(#[from] SpaceError),
     /// A file cannot be read or written, or holds something else.
     #[error("{}: {problem}", path.display())]
-    File {
-        /// Which one.
-        path: PathBuf,
-        /// The fault in the file.
-        problem: String,
-    },
+    File { path: PathBuf, problem: String },
     /// The program that is tuned does not do as it should.
     #[error("{0}")]
     Program(String),

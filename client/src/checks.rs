@@ -19,7 +19,6 @@ pub(crate) fn are_one_state(spec: &StudySpec, a: &Indicators, b: &Indicators) ->
     a.iter().zip(b).all(|(a, b)| (a - b).abs() <= spec.state_tolerance)
 }
 
-/// Checks measurements on their way out.
 pub(crate) fn measurements(measurements: &Measurements) -> Result<(), ClientError> {
     let checked = check_report(&measurements.0, &measurements.1);
     checked.map_err(|problem| ClientError::invalid("measurements", problem.to_string()))

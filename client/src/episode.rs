@@ -12,7 +12,6 @@ use crate::{Indicators, Measurements, Outcome, StudySpec, checks, limits};
 /// Name of the measurement of [`episode_trend`].
 const TREND: &str = "trend";
 
-/// A trial's frames so far.
 #[derive(Debug)]
 pub(crate) struct Episode {
     planned: usize,

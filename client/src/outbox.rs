@@ -12,16 +12,12 @@ use tokio::sync::watch;
 
 use crate::{Measurements, Outcome};
 
-/// A message about a trial.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) enum Message {
-    /// Its result.
     Report(Measurements, Outcome),
-    /// It is given back.
     Abandon,
 }
 
-/// One thing to be said to the daemon.
 #[derive(Debug, Clone)]
 pub(crate) struct OutboxItem {
     pub(crate) study: Arc<str>,
@@ -29,7 +25,6 @@ pub(crate) struct OutboxItem {
     pub(crate) worker: Arc<str>,
     pub(crate) trial: Arc<str>,
     pub(crate) message: Message,
-    /// Number of attempts so far.
     pub(crate) attempts: u32,
 }
 
@@ -50,7 +45,6 @@ pub(crate) struct Outbox {
 #[derive(Debug, Default)]
 struct OutboxState {
     queue: VecDeque<OutboxItem>,
-    /// The item that is being sent.
     sending: Option<OutboxItem>,
     held: HashMap<Arc<str>, HeldTrial>,
     /// Suggestions asked for and not yet answered.
@@ -127,7 +121,6 @@ impl Outbox {
         })
     }
 
-    /// Queues a report.
     pub(crate) fn report(&self, item: OutboxItem) -> Lost {
         self.change(|state| state.put(item, self.capacity))
     }

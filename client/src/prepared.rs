@@ -22,11 +22,9 @@ enum SetUpState {
     /// Nothing that is known: no trial yet, or the last one did not end well.
     #[default]
     Unknown,
-    /// A trial runs.
     Running,
     /// The last trial was measured to its end.
     Done(SetUp),
-    /// Trials ran side by side.
     SideBySide,
 }
 

@@ -21,7 +21,6 @@ use crate::{
 /// How often a suggestion is asked for again when the daemon names a trial that is just being reported.
 const ASK_AGAIN: usize = 3;
 
-/// The answer to one question.
 pub(crate) type SuggestAnswer = Result<Suggestion, ClientError>;
 
 #[derive(Debug)]
@@ -103,7 +102,6 @@ impl Shared {
         }
     }
 
-    /// Hands a suggestion to the program.
     pub(crate) fn deliver(&self, suggestion: Suggestion) -> Suggestion {
         self.context.core.counters.suggestions.add(1);
         suggestion.handed_out()

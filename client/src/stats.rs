@@ -19,7 +19,6 @@ macro_rules! counted {
             pub last_error: Option<String>,
         }
 
-        /// The running counts.
         #[derive(Debug, Default)]
         pub(crate) struct Counters {
             $(pub(crate) $name: Counter,)*

@@ -300,7 +300,6 @@ impl ParetoFront {
     }
 }
 
-/// The median of each metric.
 fn medians(runs: &[Vec<f64>]) -> Vec<f64> {
     let median = |metric: usize| {
         let mut values: Vec<f64> = runs.iter().map(|run| run[metric]).collect();

@@ -27,7 +27,6 @@ use crate::refusals::Refusals;
 use crate::telemetry::traces;
 use crate::{limits, status};
 
-/// The metadata that carries the request id.
 const REQUEST_ID: HeaderName = HeaderName::from_static("x-request-id");
 
 /// Wraps a service in the middleware.

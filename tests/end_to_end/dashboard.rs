@@ -8,7 +8,6 @@ use treewright_tests::programs::token;
 
 use crate::site::{Site, ask, say, wait_until};
 
-/// An answer: its status, its head and its body.
 pub(crate) struct Answer {
     status: u16,
     head: String,
@@ -70,7 +69,6 @@ pub(crate) fn create(site: &Site) {
     create_of(site, "toy", study);
 }
 
-/// Creates a study from its text.
 pub(crate) fn create_of(site: &Site, name: &str, study: &str) {
     let file = site.write(&format!("{name}.toml"), study);
     say(site.url(), &["study", "create", &file]);

@@ -61,7 +61,6 @@ impl Guarded {
     }
 }
 
-/// Writes a file, and returns its path.
 fn write(folder: &Path, name: &str, text: &str) -> String {
     let path = folder.join(name);
     std::fs::write(&path, text).expect("a scratch file");

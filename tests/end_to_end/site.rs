@@ -74,7 +74,6 @@ impl Site {
     }
 }
 
-/// A path as text.
 pub(crate) fn path_text(path: &Path) -> &str {
     path.to_str().expect("a path of text")
 }
@@ -91,7 +90,6 @@ pub(crate) fn say(url: &str, arguments: &[&str]) -> String {
     stdout(&output)
 }
 
-/// The output of the command line as JSON.
 pub(crate) fn ask(url: &str, arguments: &[&str]) -> Value {
     json(&shell(url, &[&["--json"], arguments].concat()))
 }
@@ -120,7 +118,6 @@ pub(crate) fn signal(child: &Child, name: &str) {
     assert!(sent.expect("kill runs").success(), "SIG{name} could not be sent");
 }
 
-/// Waits until something holds.
 pub(crate) fn wait_until(what: &str, mut holds: impl FnMut() -> bool) {
     let patience = Instant::now() + PATIENCE;
     while !holds() {

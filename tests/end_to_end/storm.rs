@@ -50,7 +50,6 @@ struct Book {
     acknowledged: BTreeMap<String, Option<f64>>,
     /// The client that was handed each trial.
     handed: BTreeMap<String, String>,
-    /// Violations.
     wrong: Vec<String>,
 }
 

@@ -28,7 +28,6 @@ pub(crate) fn metadata(more: &[&str]) -> Vec<Value> {
     metadata["packages"].as_array().expect("packages").clone()
 }
 
-/// The packages of the workspace.
 pub(crate) fn packages() -> Vec<Value> {
     metadata(&["--no-deps"])
 }

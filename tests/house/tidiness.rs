@@ -18,7 +18,6 @@ const LEFTOVERS: &[&str] =
 pub(crate) struct File {
     /// Path below the top folder.
     pub(crate) path: String,
-    /// Its contents.
     pub(crate) text: String,
 }
 

@@ -34,7 +34,6 @@ pub(crate) const TRIALS_MIN: usize = 30;
 /// Welch, "Choosing the sample size of a computer experiment", 2009).
 const CONFIGURATIONS_PER_PARAMETER: usize = 10;
 
-/// The trials and measurements to analyse.
 #[derive(Clone, Debug)]
 pub(crate) struct Request {
     pub(crate) study: String,
@@ -44,7 +43,6 @@ pub(crate) struct Request {
     pub(crate) maps: Vec<(String, String)>,
 }
 
-/// Everything that was found.
 #[derive(Clone, Debug, Serialize)]
 pub(crate) struct Analysis {
     pub(crate) study: String,

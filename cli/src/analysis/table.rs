@@ -123,7 +123,6 @@ impl Measured {
     }
 }
 
-/// Numbers, the least first.
 pub(super) fn sorted(numbers: impl IntoIterator<Item = f64>) -> Vec<f64> {
     let mut numbers: Vec<f64> = numbers.into_iter().collect();
     numbers.sort_by(f64::total_cmp);
@@ -138,7 +137,6 @@ pub(super) fn quantile(sorted: &[f64], share: f64) -> f64 {
     low + (high - low) * at.fract()
 }
 
-/// All of it.
 #[derive(Clone, Debug)]
 pub(super) struct Table {
     pub(super) parameters: Vec<Column>,

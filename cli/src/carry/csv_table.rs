@@ -11,7 +11,6 @@ use super::{CarriedTrial, in_kinds};
 use crate::failure::Failure;
 use crate::show;
 
-/// Writes trials as a table.
 pub(crate) fn write(
     out: impl Write,
     spec: &StudySpec,

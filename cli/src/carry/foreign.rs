@@ -16,7 +16,6 @@ pub(super) const METRIC: &str = "value";
 /// A study of another tuner.
 #[derive(Debug)]
 pub(crate) struct Foreign {
-    /// The study as ours.
     pub(crate) study: StudyFile,
     /// Its trials that say something; the measurement is called `value`.
     pub(crate) trials: Vec<CarriedTrial>,

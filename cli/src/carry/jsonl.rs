@@ -13,7 +13,6 @@ use crate::study_file::StudyFile;
 /// Version of the form; a reader refuses a higher one.
 const VERSION: u32 = 1;
 
-/// The first line.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(crate) struct Header {
     /// Marks the file as an export; its value is the version.
@@ -41,7 +40,6 @@ impl Header {
     }
 }
 
-/// Writes a line.
 pub(crate) fn write_line(out: &mut impl Write, record: &impl Serialize) -> Result<(), Failure> {
     let mut line = serde_json::to_vec(record)?;
     line.push(b'\n');

@@ -38,12 +38,10 @@ const WHOLE_MAX: f64 = 9_007_199_254_740_992.0;
 /// Number of trials between lines of progress.
 const SHOW_EVERY: u64 = 100;
 
-/// A trial's result.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct CarriedTrial {
     /// Where it was measured.
     pub(crate) origin: String,
-    /// The client that measured it.
     pub(crate) client_id: String,
     pub(crate) indicators: BTreeMap<String, f64>,
     pub(crate) configuration: Configuration,
@@ -120,7 +118,6 @@ fn client_id(trial: &TrialRecord) -> &str {
 pub(crate) struct Tally {
     /// The study that they went into.
     pub(crate) study: String,
-    /// Added.
     pub(crate) imported: u64,
     /// There already, from here or from an earlier import.
     pub(crate) known: u64,
@@ -151,7 +148,6 @@ impl Tally {
     }
 }
 
-/// Adds trials to a study.
 pub(crate) struct Importer<'a> {
     client: &'a Client,
     study: &'a str,

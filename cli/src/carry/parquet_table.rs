@@ -32,7 +32,6 @@ const STUDY_KEY: &str = "treewright_study";
 /// Trials that are written at a time: readers may skip the rest.
 const ROW_GROUP: usize = 100_000;
 
-/// Writes trials with their study.
 pub(crate) fn write(
     out: impl Write + Send,
     header: &Header,

@@ -21,7 +21,6 @@ pub(super) const FINGERPRINT: &str = "fingerprint";
 /// The column with the reason of an excluded trial.
 const EXCLUSION: &str = "exclusion";
 
-/// The kind of a column's cells.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Kind {
     Boolean,
@@ -71,7 +70,6 @@ impl TrialColumn {
         Self { title: title.into(), kind, read: Box::new(read) }
     }
 
-    /// The column's value for a trial.
     pub(super) fn of(&self, trial: &TrialRecord) -> Option<TrialCell> {
         (self.read)(trial)
     }

@@ -135,7 +135,6 @@ fn connect(url: &str, arguments: &Arguments) -> Result<Client, Failure> {
     Ok(Client::connect(url, options)?)
 }
 
-/// Where the daemon is that the arguments mean.
 struct Address {
     url: String,
     /// It is the user's own, which is started when it is needed.

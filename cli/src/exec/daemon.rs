@@ -16,7 +16,6 @@ use crate::progress;
 /// The first pause between two attempts; it doubles with each.
 const FIRST_PAUSE: Duration = Duration::from_millis(50);
 const LONGEST_PAUSE: Duration = Duration::from_secs(1);
-/// Interval at which a pause checks whether the session is to end.
 const LOOK: Duration = Duration::from_millis(50);
 
 /// A client with patience.

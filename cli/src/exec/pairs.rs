@@ -10,13 +10,10 @@ const CONFIDENCE: f64 = 0.95;
 /// A gain, estimated from pairs. Shares: 0.2 is 20 % less than the default.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub(crate) struct Gain {
-    /// The number of pairs.
     pub(crate) pairs: usize,
     /// 1 − median of winner / default.
     pub(crate) gain: f64,
-    /// The lower end of the interval.
     pub(crate) low: f64,
-    /// The upper end.
     pub(crate) high: f64,
     /// With which probability the interval holds the true median.
     pub(crate) confidence: f64,

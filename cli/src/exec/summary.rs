@@ -12,7 +12,6 @@ use crate::show::{self, figure};
 /// The version of the JSON. It rises when a field changes its meaning or goes.
 const FORMAT: u32 = 1;
 
-/// The result of a session.
 #[derive(Debug, Serialize)]
 pub(super) struct Summary {
     format: u32,

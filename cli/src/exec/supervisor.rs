@@ -31,7 +31,6 @@ const END_ALL: Duration = Duration::from_secs(1);
 pub(super) enum Fate {
     /// It could not be started, with this number of the system's error.
     NotStarted(Option<i32>),
-    /// It ended.
     Ended {
         /// The status from `wait(2)`.
         status: i32,

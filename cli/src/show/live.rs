@@ -98,7 +98,6 @@ fn beside_default(configuration: &Configuration, spec: Option<&StudySpec>) -> St
     if words.is_empty() { "the default".to_owned() } else { words }
 }
 
-/// Words in lines of a terminal, after a label.
 fn wrapped(label: &str, words: &str) -> String {
     let mut text = label.to_owned();
     let mut column = label.len();

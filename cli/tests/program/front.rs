@@ -17,7 +17,6 @@ fn exec<'a>(more: &[&'a str]) -> Vec<&'a str> {
     all
 }
 
-/// The levels on a front.
 fn levels(front: &Value) -> Vec<i64> {
     let points = front["points"].as_array().expect("points");
     points.iter().map(|point| point["configuration"]["level"].as_i64().expect("a level")).collect()

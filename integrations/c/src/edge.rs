@@ -53,7 +53,6 @@ impl Text {
 pub(crate) struct Array<T>(*const T);
 
 impl<T> Array<T> {
-    /// No elements.
     pub(crate) fn none() -> Self {
         Self(std::ptr::null())
     }
@@ -62,7 +61,6 @@ impl<T> Array<T> {
         self.0.is_null()
     }
 
-    /// The elements.
     pub(crate) fn read(&self, count: usize, what: &str) -> Result<&[T], Failure> {
         if count == 0 {
             return Ok(&[]);

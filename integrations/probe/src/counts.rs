@@ -18,7 +18,6 @@ use std::time::{Duration, Instant};
 
 use crate::findings::{self, Findings};
 
-/// Kinds of queries.
 #[derive(Clone, Copy)]
 pub(crate) enum Kind {
     Closest,
@@ -45,7 +44,6 @@ pub(crate) fn weight() -> u64 {
     WEIGHT.load(Relaxed)
 }
 
-/// Counts of one kind of query.
 #[derive(Default)]
 struct Queries {
     calls: AtomicU64,

@@ -11,7 +11,6 @@ pub(crate) struct Queries {
     pub(crate) total_ms: f64,
 }
 
-/// What was found in one process.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Findings {
     pub(crate) closest: Queries,

@@ -127,7 +127,6 @@ fn summary(choice: &Choice) -> String {
     }
 }
 
-/// The words about lost leases.
 fn of_lost(leases: u32) -> &'static str {
     match leases {
         0 => "",
@@ -136,7 +135,6 @@ fn of_lost(leases: u32) -> &'static str {
     }
 }
 
-/// The words about a cheaper level.
 fn of_level(fidelity: Option<&str>) -> String {
     fidelity.map_or_else(String::new, |level| {
         format!(" It runs at the level {level}, to see whether a full trial is worth its cost.")

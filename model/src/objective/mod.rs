@@ -190,7 +190,6 @@ impl Objective {
         Objective { terms, auxiliary, limits, maximised, episode_frames: 1, fidelities: Vec::new() }
     }
 
-    /// Checks all parts.
     pub(crate) fn checked(self) -> Result<Self, ObjectiveError> {
         let Objective { terms, auxiliary, limits, maximised, episode_frames, fidelities } = self;
         let objective = Objective::new(terms)?.with_auxiliary(auxiliary)?.with_limits(limits)?;

@@ -215,7 +215,6 @@ impl fmt::Display for Condition {
     }
 }
 
-/// The domain in words.
 impl fmt::Display for Domain {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let log = |scale: &Scale| if *scale == Scale::Log { ", log scale" } else { "" };

@@ -16,7 +16,6 @@ pub(super) struct Partial<'a> {
 }
 
 impl<'a> Partial<'a> {
-    /// No values are set.
     pub(super) fn new(space: &'a Space, steps: usize) -> Self {
         let count = space.dimension();
         let values = space.defaults().cloned().collect();
@@ -42,7 +41,6 @@ impl<'a> Partial<'a> {
         })
     }
 
-    /// Takes a value back.
     pub(super) fn unset(&mut self, index: usize) {
         (self.active[index], self.is_set[index]) = (true, false);
     }

@@ -48,7 +48,6 @@ impl Activity {
         Self { opened, slot, unfinished, state: Mutex::default() }
     }
 
-    /// More bytes have come.
     pub(super) fn read(&self, bytes: u64) {
         self.with(|state| state.bytes += bytes);
     }

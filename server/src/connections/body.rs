@@ -18,13 +18,11 @@ use crate::limits;
 /// The flag and the length before each message.
 const PREFIX_BYTES: usize = 5;
 
-/// Follows the messages of a request.
 #[derive(Debug, Default)]
 struct Messages {
     prefix: [u8; PREFIX_BYTES],
     /// The number of bytes of the prefix that have arrived.
     prefix_bytes: usize,
-    /// Missing bytes of the message.
     missing: usize,
     /// Size of the message under way, in bytes.
     under_way: usize,

@@ -22,7 +22,6 @@ use super::slots::{ConnectionLimits, ConnectionSlot, ConnectionSlots};
 use crate::limits;
 use crate::trouble::Trouble;
 
-/// The answers on such a listener.
 pub(crate) trait Pages: Send + Sync + 'static {
     type Body: hyper::body::Body<Data = Bytes, Error = Infallible> + Send + 'static;
 

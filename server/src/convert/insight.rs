@@ -4,7 +4,6 @@ use treewright_core::tuner::{Insight, Omission};
 use treewright_proto::convert::{WireEnum, signed, standing_to_wire};
 use treewright_proto::v1;
 
-/// The policy's knowledge of a state.
 pub(super) fn state(insight: &Insight) -> v1::StateInsight {
     v1::StateInsight {
         state_id: signed(insight.state_id),

@@ -8,7 +8,6 @@ use std::ops::AddAssign;
 use treewright_core::standing::Standing;
 use treewright_proto::v1;
 
-/// Seconds of a day.
 pub(super) const DAY_S: f64 = 86_400.0;
 /// Of a normal distribution, for 95 %.
 const DEVIATIONS: f64 = 1.96;

@@ -50,7 +50,6 @@ struct Head {
     what: String,
     tab: &'static str,
     defaults: Defaults,
-    /// Its view of costs.
     view: CostView,
     /// The front that it was made for.
     front: Option<Front>,

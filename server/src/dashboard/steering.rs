@@ -63,15 +63,10 @@ impl FormRequest {
 }
 
 pub(super) enum SteeringForm<'a> {
-    /// A field of the policy.
     Field,
-    /// The note and the tags.
     Texts,
-    /// Pins the configuration of a trial.
     Pin(&'a str),
-    /// Excludes a trial.
     Exclude(&'a str),
-    /// Counts a trial again.
     Include(&'a str),
 }
 

@@ -56,7 +56,6 @@ impl Server {
         Self::with(Arc::new(MemoryStore::new()), START_MS).await
     }
 
-    /// In memory, with a client.
     pub(crate) async fn with_client() -> (Self, Client) {
         let server = Self::in_memory().await;
         let client = server.client().await;
@@ -152,7 +151,6 @@ impl Server {
         drop(self.stop.take());
     }
 
-    /// Waits until it has stopped.
     pub(crate) async fn stop(mut self) {
         self.begin_stop();
         self.task.await.expect("stopped");

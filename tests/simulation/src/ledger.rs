@@ -74,7 +74,6 @@ struct Purse {
     regret_ms: f64,
 }
 
-/// The books.
 #[derive(Default)]
 pub(crate) struct Ledger {
     pub(crate) counts: Counts,

@@ -52,14 +52,12 @@ impl Machine {
         self.disk.doubt(study);
     }
 
-    /// A call begins.
     pub(crate) fn begin(&self) -> u64 {
         let number = self.calls.last.fetch_add(1, Ordering::SeqCst);
         lock(&self.calls.since).insert(number, Instant::now());
         number
     }
 
-    /// It ends.
     pub(crate) fn end(&self, number: u64) {
         lock(&self.calls.since).remove(&number);
     }

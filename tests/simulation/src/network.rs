@@ -15,7 +15,6 @@ use crate::world::{Trouble, World};
 /// Why a call gave nothing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Failure {
-    /// The service refused.
     Refused(Code),
     /// No answer came in time.
     Silence,

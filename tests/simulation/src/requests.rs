@@ -19,7 +19,6 @@ use crate::plan::{Bug, Plan};
 /// The one study of a world.
 pub(crate) const STUDY: &str = "studies/world";
 
-/// A message to the service.
 #[derive(Clone, Debug)]
 pub(crate) enum Request {
     Suggest(wire::SuggestRequest),
@@ -47,7 +46,6 @@ impl Request {
     }
 }
 
-/// The answer to a request.
 #[derive(Clone, Debug)]
 pub(crate) enum Answer {
     Trial(Box<wire::Trial>),
@@ -59,7 +57,6 @@ pub(crate) enum Answer {
     Other,
 }
 
-/// The name of a client.
 pub(crate) fn client_name(client: u32) -> String {
     format!("client-{client}")
 }

@@ -171,12 +171,10 @@ impl World {
         Duration::from_micros((ms * 1e3) as u64)
     }
 
-    /// Milliseconds since the beginning.
     pub(crate) fn elapsed_ms(&self) -> i64 {
         i64::try_from(self.begin.elapsed().as_millis()).unwrap_or(i64::MAX)
     }
 
-    /// Something happened.
     pub(crate) fn step(&self, what: &str) {
         let time = u64::try_from(self.begin.elapsed().as_micros()).unwrap_or(u64::MAX);
         let mut inner = self.lock();
@@ -239,7 +237,6 @@ impl World {
         self.lock().is_over
     }
 
-    /// Whether nothing goes wrong any more.
     pub(crate) fn is_calm(&self) -> bool {
         self.lock().is_calm
     }

@@ -70,7 +70,6 @@ async fn read_study(path: &Path, name: &str) -> Result<Foreign, String> {
     translate(whole, &study.spec.unwrap_or_default(), &trials)
 }
 
-/// A row of the studies.
 struct StoredStudy {
     /// Its whole name.
     name: String,

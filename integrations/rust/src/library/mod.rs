@@ -36,7 +36,6 @@ pub(crate) const LIBRARIES: &[Library] = &[
     Library { name: "tinybvh", space: tinybvh::space, fixed: tinybvh::fixed, run: tinybvh::run },
 ];
 
-/// The library of a name.
 pub(crate) fn named(name: &str) -> Result<Library, String> {
     let known = LIBRARIES.iter().find(|library| library.name == name).copied();
     known.ok_or_else(|| {

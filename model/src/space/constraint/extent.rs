@@ -19,7 +19,6 @@ pub(in crate::space) enum Extent<'a> {
 }
 
 impl<'a> Extent<'a> {
-    /// The extent of a value.
     pub(in crate::space) fn of_value(value: &'a Value) -> Self {
         match value {
             Value::Text(text) => Extent::Text(Some(text)),
@@ -29,7 +28,6 @@ impl<'a> Extent<'a> {
         }
     }
 
-    /// The extent of the values of a domain.
     pub(in crate::space) fn of_domain(domain: &Domain) -> Self {
         match domain {
             Domain::Integer { min, max, .. } => Extent::Number(*min as f64, *max as f64),

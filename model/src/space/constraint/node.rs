@@ -75,7 +75,6 @@ impl Operator {
         }
     }
 
-    /// Its binding power.
     fn power(self) -> u8 {
         match self {
             Operator::Or => 1,

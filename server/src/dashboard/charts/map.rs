@@ -16,7 +16,6 @@ pub(in super::super) struct Place {
     pub(in super::super) rank: f64,
     /// The rank in words.
     pub(in super::super) words: String,
-    /// The target of its link.
     pub(in super::super) link: String,
 }
 
@@ -67,7 +66,6 @@ pub(in super::super) struct Runner {
     pub(in super::super) ratios: Vec<f64>,
     /// The mean gain of its answers by all measurements.
     pub(in super::super) answer: Option<Gain>,
-    /// Its view of costs.
     pub(in super::super) view: CostView,
 }
 

@@ -99,7 +99,6 @@ struct IndexOrder<'a> {
     tag: &'a str,
 }
 
-/// The inputs of the list.
 pub(in super::super) struct StudyIndex {
     tuning: Arc<Tuning>,
     summaries: Arc<Summaries>,
@@ -117,7 +116,6 @@ impl StudyIndex {
         self.summaries.changes()
     }
 
-    /// The list as a page.
     pub(in super::super) async fn page(&self, visitor: &Visitor<'_>, query: &Query) -> Result<String, Error> {
         query.only(&["order", "reverse", "page", "tag"])?;
         let (column, tag) = (query.word("order", &COLUMNS)?, query.text("tag"));

@@ -82,7 +82,6 @@ impl Operator {
     }
 }
 
-/// A value that a field is compared with.
 #[derive(Clone, Debug, PartialEq, PartialOrd)]
 pub(crate) enum Literal {
     /// Finite. Compares with integers and floats.

@@ -6,7 +6,6 @@ use super::{FilterError, Operator};
 pub(super) enum FilterToken {
     /// A field, an enum's value, `AND`, `true` or `false`.
     Word(String),
-    /// A comparison.
     Operator(Operator),
     /// A number as it was written. The field decides whether it must be whole.
     Number(String),
