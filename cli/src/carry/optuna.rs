@@ -19,6 +19,7 @@ use crate::study_file::StudyFile;
 
 /// Steps of a parameter that are written out as choices, at most.
 const CHOICES_MAX: f64 = 64.0;
+
 pub(crate) fn read(path: &Path, name: &str) -> Result<Foreign, Failure> {
     read_with(path, read_study(path, name))
 }
