@@ -4,7 +4,7 @@ use treewright_core::ids::StudyUid;
 use treewright_core::trial::{RawTrial, Trial};
 use treewright_core::tuner::{Checkpoint, Snapshot, StateRecord, StudyCounts};
 
-use crate::error::StoreError;
+use crate::error::{Result, StoreError};
 use crate::fence::Fence;
 use crate::from_row::row;
 use crate::rows::{TrialRow, VisitRow, inconsistent, into_specification, unsigned};
@@ -33,12 +33,12 @@ impl StudyRow {
         names.is_sorted_by(|before, name| before < name)
     }
 
-    pub(crate) fn into_record(self) -> Result<StudyRecord, StoreError> {
+    pub(crate) fn into_record(self) -> Result<StudyRecord> {
         let id = self.name.clone();
         self.into_checked().map_err(|error| error.in_study(&id))
     }
 
-    fn into_checked(self) -> Result<StudyRecord, StoreError> {
+    fn into_checked(self) -> Result<StudyRecord> {
         let last_trial = unsigned(self.last_trial.max(self.named_after))?;
         let (spec, earlier) = into_specification(&self.specification, &self.policy)?;
         let record = StudyRecord {
@@ -84,7 +84,7 @@ pub(crate) struct StudyRows {
 
 impl StudyRows {
     /// Reads every row in the study's space. Open trials and visits outside are left out.
-    pub(crate) fn into_loaded(self, fence: Fence) -> Result<Loaded, StoreError> {
+    pub(crate) fn into_loaded(self, fence: Fence) -> Result<Loaded> {
         let models_since = unsigned(self.study.models_since)?;
         let study = self.study.into_record()?;
         let (space, earlier) = (&study.spec.space, &study.earlier);
@@ -119,15 +119,12 @@ impl StudyRows {
 }
 
 /// A row in the study's space, or an error; nothing where it is outside.
-fn adopted<R, T>(
-    row: Result<R, StoreError>,
-    adopt: impl FnOnce(R) -> Result<Option<T>, StoreError>,
-) -> Option<Result<T, StoreError>> {
+fn adopted<R, T>(row: Result<R>, adopt: impl FnOnce(R) -> Result<Option<T>>) -> Option<Result<T>> {
     row.and_then(adopt).transpose()
 }
 
 /// Numbers and completions from rows as they are read.
-pub(crate) fn closed(rows: Vec<(i64, Option<i64>)>) -> Result<Vec<ClosedTrial>, StoreError> {
+pub(crate) fn closed(rows: Vec<(i64, Option<i64>)>) -> Result<Vec<ClosedTrial>> {
     let trial = |(number, completion): (i64, Option<i64>)| {
         Ok(ClosedTrial { number: unsigned(number)?, completion: completion.map(unsigned).transpose()? })
     };
@@ -135,7 +132,7 @@ pub(crate) fn closed(rows: Vec<(i64, Option<i64>)>) -> Result<Vec<ClosedTrial>, 
 }
 
 /// A page of the found rows: one row more than fits means that another page follows.
-pub(crate) fn page(rows: Vec<TrialRow>, query: &TrialQuery) -> Result<TrialPage, StoreError> {
+pub(crate) fn page(rows: Vec<TrialRow>, query: &TrialQuery) -> Result<TrialPage> {
     let size = query.size as usize;
     assert!(size > 0, "a page of nothing never comes to an end");
     let more = rows.len() > size;

@@ -2,6 +2,9 @@
 
 use std::path::PathBuf;
 
+/// What a store answers.
+pub type Result<T, E = StoreError> = std::result::Result<T, E>;
+
 /// Why a store refuses a request. Nothing of the request was stored.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum StoreError {

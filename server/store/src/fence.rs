@@ -12,7 +12,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use tokio::sync::oneshot;
 
-use crate::error::StoreError;
+use crate::error::{Result, StoreError};
 
 /// The right to change one study, from its load until the fence breaks. Cheap to clone.
 #[derive(Clone, Debug)]
@@ -67,7 +67,7 @@ impl Fence {
     }
 
     /// The error for a change that comes too late.
-    pub(crate) fn check(&self) -> Result<(), StoreError> {
+    pub(crate) fn check(&self) -> Result<()> {
         if self.holds() { Ok(()) } else { Err(StoreError::Fenced(self.study().to_owned())) }
     }
 }
@@ -76,7 +76,7 @@ impl Fence {
 /// [`durable`](Receipt::durable) waits until it is stored.
 #[derive(Debug)]
 #[must_use = "a client may get no answer before the receipt is durable"]
-pub struct Receipt(pub(crate) oneshot::Receiver<Result<(), StoreError>>);
+pub struct Receipt(pub(crate) oneshot::Receiver<Result<()>>);
 
 impl Receipt {
     /// A receipt for a change that was refused at once; the fence breaks. For stores outside this crate.
@@ -86,13 +86,13 @@ impl Receipt {
     }
 
     /// A receipt for a waiting change, and the sender of its result. For stores outside this crate.
-    pub fn pending() -> (oneshot::Sender<Result<(), StoreError>>, Self) {
+    pub fn pending() -> (oneshot::Sender<Result<()>>, Self) {
         let (sender, receiver) = oneshot::channel();
         (sender, Self(receiver))
     }
 
     /// A receipt for a change whose result is known.
-    pub(crate) fn settled(result: Result<(), StoreError>) -> Self {
+    pub(crate) fn settled(result: Result<()>) -> Self {
         let (sender, receiver) = oneshot::channel();
         // The receiver is alive: it is returned.
         let _ = sender.send(result);
@@ -100,7 +100,7 @@ impl Receipt {
     }
 
     /// Waits until the change, and every change before it, is on the disk.
-    pub async fn durable(self) -> Result<(), StoreError> {
+    pub async fn durable(self) -> Result<()> {
         self.0.await.unwrap_or(Err(StoreError::Closed))
     }
 }

@@ -31,7 +31,7 @@ mod statements;
 mod store;
 pub mod tokens;
 
-pub use error::{OpenError, StoreError};
+pub use error::{OpenError, Result, StoreError};
 pub use fence::{Fence, Receipt};
 pub use memory::{Faults, MemoryStore};
 #[cfg(feature = "postgres")]

@@ -14,7 +14,7 @@ use treewright_core::trial::{RawTrial, Trial, TrialState};
 use treewright_core::tuner::{Change, Checkpoint, RawVisit, Snapshot, StateRecord, StudyCounts};
 
 use crate::assembly::study_not_found;
-use crate::error::StoreError;
+use crate::error::{Result, StoreError};
 use crate::fence::{Fence, Receipt};
 use crate::limits;
 use crate::rows::inconsistent;
@@ -82,19 +82,19 @@ impl MemoryStore {
 
     /// A poisoned lock is usable: each write is checked before it is done, so a panic leaves whole values
     /// behind.
-    fn lock(&self) -> Result<MutexGuard<'_, MemoryTables>, StoreError> {
+    fn lock(&self) -> Result<MutexGuard<'_, MemoryTables>> {
         let inner = self.inner.lock().unwrap_or_else(PoisonError::into_inner);
         if inner.closed { Err(StoreError::Closed) } else { Ok(inner) }
     }
 }
 
 impl MemoryTables {
-    fn study(&self, id: &str) -> Result<&MemoryStudy, StoreError> {
+    fn study(&self, id: &str) -> Result<&MemoryStudy> {
         self.studies.get(id).ok_or_else(|| study_not_found(id))
     }
 
     /// Checks that a study has the identity, where one is given.
-    fn identified(&self, id: &str, uid: Option<StudyUid>) -> Result<(), StoreError> {
+    fn identified(&self, id: &str, uid: Option<StudyUid>) -> Result<()> {
         let found = self.study(id)?.uid;
         if uid.is_none_or(|uid| uid == found) { Ok(()) } else { Err(study_not_found(id)) }
     }
@@ -106,7 +106,7 @@ impl MemoryTables {
     }
 
     /// Takes a study away from its name, which is noted with the last number under it, and breaks its fence.
-    fn take(&mut self, id: &str) -> Result<MemoryStudy, StoreError> {
+    fn take(&mut self, id: &str) -> Result<MemoryStudy> {
         let mut study = self.studies.remove(id).ok_or_else(|| study_not_found(id))?;
         if let Some(fence) = study.fence.take() {
             fence.break_up();
@@ -129,7 +129,7 @@ impl MemoryTables {
         Ok(study)
     }
 
-    fn fenced(&mut self, fence: &Fence) -> Result<&mut MemoryStudy, StoreError> {
+    fn fenced(&mut self, fence: &Fence) -> Result<&mut MemoryStudy> {
         fence.check()?;
         self.studies
             .get_mut(fence.study())
@@ -180,7 +180,7 @@ impl MemoryStudy {
     }
 
     /// Carries out a write; `id` is the study's own.
-    fn write(&mut self, id: &str, write: StudyWrite<'_>) -> Result<(), StoreError> {
+    fn write(&mut self, id: &str, write: StudyWrite<'_>) -> Result<()> {
         match write {
             StudyWrite::Commit(changes) => self.apply(changes)?,
             StudyWrite::Study(spec, earlier, models_since) => {
@@ -200,7 +200,7 @@ impl MemoryStudy {
         Ok(())
     }
 
-    fn apply(&mut self, changes: &[Change]) -> Result<(), StoreError> {
+    fn apply(&mut self, changes: &[Change]) -> Result<()> {
         for trial in changes.iter().flat_map(|change| &change.trials) {
             let stored = self.trials.get(&trial.number);
             if stored.is_some_and(|stored| stored.state == TrialState::Completed) {
@@ -234,7 +234,7 @@ impl MemoryStudy {
 
 #[async_trait]
 impl Store for MemoryStore {
-    async fn create_study(&self, id: &str, spec: &StudySpec, now_ms: i64) -> Result<Created, StoreError> {
+    async fn create_study(&self, id: &str, spec: &StudySpec, now_ms: i64) -> Result<Created> {
         let mut inner = self.lock()?;
         if let Some(stored) = inner.studies.get(id) {
             return stored.record(id).found(spec);
@@ -265,7 +265,7 @@ impl Store for MemoryStore {
         Ok(Created { study: record, is_new: true })
     }
 
-    async fn get_study(&self, study: &str) -> Result<StudyRecord, StoreError> {
+    async fn get_study(&self, study: &str) -> Result<StudyRecord> {
         let mut inner = self.lock()?;
         let found = inner.study(study)?.record(study);
         if self.faults.fleeting {
@@ -274,7 +274,7 @@ impl Store for MemoryStore {
         Ok(found)
     }
 
-    async fn list_studies(&self, after: Option<&str>, size: u32) -> Result<Vec<StudyRecord>, StoreError> {
+    async fn list_studies(&self, after: Option<&str>, size: u32) -> Result<Vec<StudyRecord>> {
         let inner = self.lock()?;
         let behind = |id: &str| after.is_none_or(|after| id > after);
         Ok(inner
@@ -286,23 +286,18 @@ impl Store for MemoryStore {
             .collect())
     }
 
-    async fn delete_study(&self, study: &str, uid: Option<StudyUid>) -> Result<(), StoreError> {
+    async fn delete_study(&self, study: &str, uid: Option<StudyUid>) -> Result<()> {
         let mut inner = self.lock()?;
         inner.identified(study, uid)?;
         inner.take(study).map(drop)
     }
 
-    async fn find_study(&self, uid: StudyUid) -> Result<Option<String>, StoreError> {
+    async fn find_study(&self, uid: StudyUid) -> Result<Option<String>> {
         let inner = self.lock()?;
         Ok(inner.studies.iter().find(|(_, study)| study.uid == uid).map(|(id, _)| id.clone()))
     }
 
-    async fn rename_study(
-        &self,
-        study: &str,
-        uid: Option<StudyUid>,
-        to: &str,
-    ) -> Result<StudyRecord, StoreError> {
+    async fn rename_study(&self, study: &str, uid: Option<StudyUid>, to: &str) -> Result<StudyRecord> {
         let mut inner = self.lock()?;
         inner.identified(study, uid)?;
         if study != to {
@@ -318,7 +313,7 @@ impl Store for MemoryStore {
         Ok(inner.study(to)?.record(to))
     }
 
-    async fn load(&self, study: &str) -> Result<Loaded, StoreError> {
+    async fn load(&self, study: &str) -> Result<Loaded> {
         if !self.faults.load_takes.is_zero() {
             tokio::time::sleep(self.faults.load_takes).await;
         }
@@ -358,12 +353,7 @@ impl Store for MemoryStore {
         }
     }
 
-    async fn completed_trials(
-        &self,
-        fence: &Fence,
-        after: u64,
-        size: u32,
-    ) -> Result<Vec<RawTrial>, StoreError> {
+    async fn completed_trials(&self, fence: &Fence, after: u64, size: u32) -> Result<Vec<RawTrial>> {
         let inner = self.lock()?;
         let study = inner.study(fence.study())?;
         let places = study.completed.range(after + 1..).take(size as usize);
@@ -375,7 +365,7 @@ impl Store for MemoryStore {
         Ok(trials.collect())
     }
 
-    async fn save_checkpoint(&self, fence: &Fence, checkpoint: &Checkpoint) -> Result<(), StoreError> {
+    async fn save_checkpoint(&self, fence: &Fence, checkpoint: &Checkpoint) -> Result<()> {
         // The other stores find a checkpoint by its parts.
         assert!(!checkpoint.bytes.is_empty(), "a checkpoint of nothing");
         self.lock()?.fenced(fence)?.checkpoint = Some(checkpoint.clone());
@@ -388,7 +378,7 @@ impl Store for MemoryStore {
         after: u64,
         up_to: u64,
         size: u32,
-    ) -> Result<Vec<ClosedTrial>, StoreError> {
+    ) -> Result<Vec<ClosedTrial>> {
         let inner = self.lock()?;
         let found = inner.study(fence.study())?.trials.range(after + 1..up_to.max(after) + 1);
         let closed = found.map(|(_, trial)| trial).filter(|trial| trial.state != TrialState::Open);
@@ -396,7 +386,7 @@ impl Store for MemoryStore {
         Ok(closed.take(size as usize).collect())
     }
 
-    async fn remove_trials(&self, fence: &Fence, numbers: &[u64], covered: u64) -> Result<u64, StoreError> {
+    async fn remove_trials(&self, fence: &Fence, numbers: &[u64], covered: u64) -> Result<u64> {
         let mut inner = self.lock()?;
         let study = inner.fenced(fence)?;
         let mut removed = 0;
@@ -415,13 +405,13 @@ impl Store for MemoryStore {
         Ok(removed)
     }
 
-    async fn get_trial(&self, study: &str, number: u64) -> Result<RawTrial, StoreError> {
+    async fn get_trial(&self, study: &str, number: u64) -> Result<RawTrial> {
         let inner = self.lock()?;
         let trial = inner.study(study)?.trials.get(&number).cloned();
         trial.ok_or_else(|| StoreError::TrialNotFound { study: study.to_owned(), number })
     }
 
-    async fn query_trials(&self, study: &str, query: &TrialQuery) -> Result<TrialPage, StoreError> {
+    async fn query_trials(&self, study: &str, query: &TrialQuery) -> Result<TrialPage> {
         let size = query.size as usize;
         assert!(size > 0, "a page of nothing never comes to an end");
         let inner = self.lock()?;
@@ -441,7 +431,7 @@ impl Store for MemoryStore {
         })
     }
 
-    async fn studies_with_due_leases(&self, now_ms: i64) -> Result<Vec<String>, StoreError> {
+    async fn studies_with_due_leases(&self, now_ms: i64) -> Result<Vec<String>> {
         let inner = self.lock()?;
         let due = |trial: &RawTrial| trial.state == TrialState::Open && trial.lease_expire_ms < now_ms;
         Ok(inner

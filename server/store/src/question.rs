@@ -8,7 +8,7 @@
 use treewright_core::trial::TrialState;
 use treewright_core::words::Word as _;
 
-use crate::error::StoreError;
+use crate::error::Result;
 use crate::filter::{Field, FieldComparison, Literal, Operator, OrderKey};
 use crate::limits;
 use crate::rows::signed;
@@ -49,7 +49,7 @@ pub(crate) trait Dialect {
 }
 
 /// The question for one page and one row more, which shows whether another page follows.
-pub(crate) fn trial_page<D: Dialect>(sql: &mut D, study: i64, query: &TrialQuery) -> Result<(), StoreError> {
+pub(crate) fn trial_page<D: Dialect>(sql: &mut D, study: i64, query: &TrialQuery) -> Result<()> {
     assert!((1..=limits::PAGE_SIZE).contains(&query.size), "a page of {} rows", query.size);
     sql.text(TRIALS_OF_STUDY).integer(study);
     for comparison in &query.filter.comparisons {

@@ -23,7 +23,7 @@ macro_rules! reads {
         use treewright_core::tuner::{Checkpoint, StateRecord};
 
         use crate::assembly::{self, StudyRow, StudyRows, page, study_not_found};
-        use crate::error::StoreError;
+        use crate::error::{Result, StoreError};
         use crate::fence::Fence;
         use crate::limits;
         use crate::read::ask;
@@ -37,7 +37,7 @@ macro_rules! reads {
             id: &str,
             spec: &StudySpec,
             now_ms: i64,
-        ) -> Result<Created, StoreError> {
+        ) -> Result<Created> {
             match study(&mut *connection, id).await {
                 Ok(stored) => return stored.found(spec),
                 Err(StoreError::StudyNotFound { .. }) => {}
@@ -61,14 +61,14 @@ macro_rules! reads {
             connection: &mut $connection,
             study: &str,
             uid: Option<StudyUid>,
-        ) -> Result<i64, StoreError> {
+        ) -> Result<i64> {
             let uid = uid.map(|uid| uid.to_string());
             ask!(query_scalar.fetch_optional(connection, sql::STUDY_LOCK, study, uid))?
                 .ok_or_else(|| study_not_found(study))
         }
 
         /// Notes the last trial number of a study under the name that it is about to lose.
-        pub(super) async fn leave_name(connection: &mut $connection, key: i64) -> Result<(), StoreError> {
+        pub(super) async fn leave_name(connection: &mut $connection, key: i64) -> Result<()> {
             let noted = sqlx::query(sql::NAME_LEFT).bind(key).execute(&mut *connection).await;
             one_at_most(noted.map_err(refused)?.rows_affected());
             fold_names(connection, limits::FORMER_NAMES).await.map_err(refused)
@@ -80,7 +80,7 @@ macro_rules! reads {
             sqlx::query(sql::FOLDED_NAMES_DELETE).execute(connection).await.map(|_| ())
         }
 
-        pub(super) async fn study_key(connection: &mut $connection, study: &str) -> Result<i64, StoreError> {
+        pub(super) async fn study_key(connection: &mut $connection, study: &str) -> Result<i64> {
             ask!(query_scalar.fetch_optional(connection, sql::STUDY_KEY, study))?
                 .ok_or_else(|| study_not_found(study))
         }
@@ -88,14 +88,11 @@ macro_rules! reads {
         pub(super) async fn study_of_uid(
             connection: &mut $connection,
             uid: StudyUid,
-        ) -> Result<Option<String>, StoreError> {
+        ) -> Result<Option<String>> {
             ask!(query_scalar.fetch_optional(connection, sql::STUDY_OF_UID, uid.to_string()))
         }
 
-        pub(super) async fn study(
-            connection: &mut $connection,
-            study: &str,
-        ) -> Result<StudyRecord, StoreError> {
+        pub(super) async fn study(connection: &mut $connection, study: &str) -> Result<StudyRecord> {
             let row: Option<StudyRow> = ask!(query_as.fetch_optional(connection, sql::STUDY_BY_NAME, study))?;
             row.ok_or_else(|| study_not_found(study))?.into_record()
         }
@@ -104,7 +101,7 @@ macro_rules! reads {
             connection: &mut $connection,
             after: Option<&str>,
             size: u32,
-        ) -> Result<Vec<StudyRecord>, StoreError> {
+        ) -> Result<Vec<StudyRecord>> {
             let (after, most) = (after.unwrap_or_default(), i64::from(size));
             let rows: Vec<StudyRow> = ask!(query_as.fetch_all(connection, sql::STUDY_PAGE, after, most))?;
             assert!(rows.len() <= size as usize, "{} studies on a page of {size}", rows.len());
@@ -113,7 +110,7 @@ macro_rules! reads {
         }
 
         /// Reads all of a study but its closed trials, as of one moment.
-        pub(super) async fn load(connection: &mut $connection, fence: Fence) -> Result<Loaded, StoreError> {
+        pub(super) async fn load(connection: &mut $connection, fence: Fence) -> Result<Loaded> {
             use sqlx::Connection as _;
 
             let key = fence.key();
@@ -131,7 +128,7 @@ macro_rules! reads {
         }
 
         /// Reads states row by row, because a study may have a million of them.
-        async fn states(connection: &mut $connection, key: i64) -> Result<Vec<StateRecord>, StoreError> {
+        async fn states(connection: &mut $connection, key: i64) -> Result<Vec<StateRecord>> {
             let mut rows = sqlx::query_as::<_, StateRow>(sql::STATES_OF_STUDY).bind(key).fetch(connection);
             let mut states = Vec::new();
             while let Some(row) = rows.next().await {
@@ -140,10 +137,7 @@ macro_rules! reads {
             Ok(states)
         }
 
-        async fn checkpoint(
-            connection: &mut $connection,
-            key: i64,
-        ) -> Result<Option<Checkpoint>, StoreError> {
+        async fn checkpoint(connection: &mut $connection, key: i64) -> Result<Option<Checkpoint>> {
             let latest: Option<i64> = ask!(query_scalar.fetch_optional(connection, sql::CHECKPOINT, key))?;
             let Some(completion) = latest else { return Ok(None) };
             let parts: Vec<Vec<u8>> =
@@ -158,7 +152,7 @@ macro_rules! reads {
             fence: &Fence,
             after: u64,
             size: u32,
-        ) -> Result<Vec<RawTrial>, StoreError> {
+        ) -> Result<Vec<RawTrial>> {
             let (study, begin, most) = (fence.key(), signed(after)?, i64::from(size));
             let rows: Vec<TrialRow> =
                 ask!(query_as.fetch_all(connection, sql::COMPLETED_TRIALS, study, begin, most))?;
@@ -178,7 +172,7 @@ macro_rules! reads {
             after: u64,
             up_to: u64,
             size: u32,
-        ) -> Result<Vec<ClosedTrial>, StoreError> {
+        ) -> Result<Vec<ClosedTrial>> {
             let (study, begin, end, most) = (fence.key(), signed(after)?, signed(up_to)?, i64::from(size));
             let rows: Vec<(i64, Option<i64>)> =
                 ask!(query_as.fetch_all(connection, sql::CLOSED_TRIALS, study, begin, end, most))?;
@@ -196,7 +190,7 @@ macro_rules! reads {
             connection: &mut $connection,
             study: &str,
             number: u64,
-        ) -> Result<RawTrial, StoreError> {
+        ) -> Result<RawTrial> {
             let key = study_key(&mut *connection, study).await?;
             let not_found = || StoreError::TrialNotFound { study: study.to_owned(), number };
             // No trial has a number that the column cannot hold.
@@ -210,7 +204,7 @@ macro_rules! reads {
             connection: &mut $connection,
             study: &str,
             query: &TrialQuery,
-        ) -> Result<TrialPage, StoreError> {
+        ) -> Result<TrialPage> {
             let key = study_key(&mut *connection, study).await?;
             let mut sql = sqlx::QueryBuilder::<<$connection as sqlx::Connection>::Database>::new("");
             crate::question::trial_page(&mut sql, key, query)?;

@@ -18,7 +18,7 @@ use treewright_core::tuner::{
 use treewright_core::value::Value;
 use treewright_core::words::Word;
 
-use crate::error::StoreError;
+use crate::error::{Result, StoreError};
 use crate::fence::Fence;
 use crate::from_row::row;
 use crate::limits::CHECKPOINT_PART_BYTES;
@@ -76,7 +76,7 @@ pub(crate) struct PartRow {
 
 impl PartRow {
     /// The parts of a checkpoint, each of which is written at once.
-    pub(crate) fn cut(checkpoint: &Checkpoint) -> impl Iterator<Item = Result<Self, StoreError>> + '_ {
+    pub(crate) fn cut(checkpoint: &Checkpoint) -> impl Iterator<Item = Result<Self>> + '_ {
         assert!(!checkpoint.bytes.is_empty(), "a checkpoint of nothing has no parts to be found by");
         let parts = checkpoint.bytes.chunks(CHECKPOINT_PART_BYTES);
         let count = parts.len() as u64;
@@ -118,7 +118,7 @@ pub(crate) struct Rows {
 }
 
 impl Rows {
-    pub(crate) fn of(changes: &[Change]) -> Result<Self, StoreError> {
+    pub(crate) fn of(changes: &[Change]) -> Result<Self> {
         let mut states = BTreeMap::new();
         let mut visits = BTreeMap::new();
         let mut trials = BTreeMap::new();
@@ -178,7 +178,7 @@ pub(crate) enum StudyChange {
 }
 
 impl StudyChange {
-    pub(crate) fn of(write: StudyWrite<'_>) -> Result<Self, StoreError> {
+    pub(crate) fn of(write: StudyWrite<'_>) -> Result<Self> {
         Ok(match write {
             StudyWrite::Commit(changes) => Self::Commit(Rows::of(changes)?),
             StudyWrite::Study(spec, earlier, models_since) => {
@@ -206,7 +206,7 @@ impl StudyChange {
 }
 
 impl TrialRow {
-    fn of(trial: &Trial) -> Result<Self, StoreError> {
+    fn of(trial: &Trial) -> Result<Self> {
         let has_result = trial.outcome.is_some() && trial.completion.is_some();
         assert!(has_result || trial.state != TrialState::Completed, "trial {} has no result", trial.number);
         assert!(
@@ -257,7 +257,7 @@ impl TrialRow {
         })
     }
 
-    pub(crate) fn into_trial(self) -> Result<RawTrial, StoreError> {
+    pub(crate) fn into_trial(self) -> Result<RawTrial> {
         let mode = value(&self.mode)?;
         let state = value(&self.state)?;
         let kind = self.outcome.as_deref().map(value).transpose()?;
@@ -300,7 +300,7 @@ impl TrialRow {
 }
 
 impl StateRow {
-    fn of(state: &StateRecord) -> Result<Self, StoreError> {
+    fn of(state: &StateRecord) -> Result<Self> {
         Ok(Self {
             id: signed(state.id)?,
             indicators: write(&state.indicators)?,
@@ -310,7 +310,7 @@ impl StateRow {
         })
     }
 
-    pub(crate) fn into_state(self) -> Result<StateRecord, StoreError> {
+    pub(crate) fn into_state(self) -> Result<StateRecord> {
         Ok(StateRecord {
             id: unsigned(self.id)?,
             indicators: read("indicators", &self.indicators)?,
@@ -335,7 +335,7 @@ fn readable<E: std::fmt::Display>(state: i64, search: Result<Exploration, E>) ->
 }
 
 impl VisitRow {
-    fn of(visit: &Visit) -> Result<Self, StoreError> {
+    fn of(visit: &Visit) -> Result<Self> {
         Ok(Self {
             client_id: visit.client_id.clone(),
             state_id: signed(visit.state_id)?,
@@ -347,7 +347,7 @@ impl VisitRow {
         })
     }
 
-    pub(crate) fn into_visit(self) -> Result<RawVisit, StoreError> {
+    pub(crate) fn into_visit(self) -> Result<RawVisit> {
         let weighed =
             self.weighed.map_or_else(|| Ok(Explanation::default()), |text| read("weighed", &text))?;
         Ok(RawVisit {
@@ -365,10 +365,7 @@ impl VisitRow {
 const EARLIER_SPACES: &str = "earlier_spaces";
 
 /// The two texts of a study: everything but the policy, and the policy.
-pub(crate) fn specification(
-    spec: &StudySpec,
-    earlier: &EarlierSpaces,
-) -> Result<(String, String), StoreError> {
+pub(crate) fn specification(spec: &StudySpec, earlier: &EarlierSpaces) -> Result<(String, String)> {
     let json = |error: serde_json::Error| inconsistent(error.to_string());
     let mut fields = serde_json::to_value(spec).map_err(json)?;
     if let Some(fields) = fields.as_object_mut() {
@@ -386,17 +383,14 @@ pub(crate) fn specification(
     Ok(texts)
 }
 
-fn policy(policy: &Policy) -> Result<String, StoreError> {
+fn policy(policy: &Policy) -> Result<String> {
     let text = write(policy)?;
     debug_assert_eq!(read("policy", &text), Ok(policy.to_raw()), "it is read as another");
     Ok(text)
 }
 
 /// Joins the two texts of a study again, and returns its earlier spaces.
-pub(crate) fn into_specification(
-    specification: &str,
-    policy: &str,
-) -> Result<(StudySpec, EarlierSpaces), StoreError> {
+pub(crate) fn into_specification(specification: &str, policy: &str) -> Result<(StudySpec, EarlierSpaces)> {
     let refused = |error: serde_json::Error| inconsistent(format!("column specification: {error}"));
     let mut json: Json = read("specification", specification)?;
     let policy: Json = read("policy", policy)?;
@@ -428,7 +422,7 @@ fn configuration_to_json(values: &RawConfiguration) -> String {
     text
 }
 
-fn configuration_from_json(text: &str) -> Result<RawConfiguration, StoreError> {
+fn configuration_from_json(text: &str) -> Result<RawConfiguration> {
     let fields: BTreeMap<String, Json> = read("configuration", text)?;
     fields
         .into_iter()
@@ -448,23 +442,23 @@ fn configuration_from_json(text: &str) -> Result<RawConfiguration, StoreError> {
         .collect()
 }
 
-fn value<T: Word>(word: &str) -> Result<T, StoreError> {
+fn value<T: Word>(word: &str) -> Result<T> {
     T::from_word(word).ok_or_else(|| inconsistent(format!("{word:?} has no meaning")))
 }
 
-pub(crate) fn write(value: &impl Serialize) -> Result<String, StoreError> {
+pub(crate) fn write(value: &impl Serialize) -> Result<String> {
     serde_json::to_string(value).map_err(|error| inconsistent(error.to_string()))
 }
 
-fn read<T: DeserializeOwned>(column: &str, text: &str) -> Result<T, StoreError> {
+fn read<T: DeserializeOwned>(column: &str, text: &str) -> Result<T> {
     serde_json::from_str(text).map_err(|error| inconsistent(format!("column {column}: {error}")))
 }
 
-pub(crate) fn signed(number: u64) -> Result<i64, StoreError> {
+pub(crate) fn signed(number: u64) -> Result<i64> {
     i64::try_from(number).map_err(|_| inconsistent("a number is out of range"))
 }
 
-pub(crate) fn unsigned(number: i64) -> Result<u64, StoreError> {
+pub(crate) fn unsigned(number: i64) -> Result<u64> {
     u64::try_from(number).map_err(|_| inconsistent("a number is negative"))
 }
 

@@ -8,7 +8,7 @@ use treewright_core::trial::{RawTrial, Trial};
 use treewright_core::tuner::{Change, Checkpoint, Snapshot, StudyCounts};
 
 use crate::cursor::Cursor;
-use crate::error::StoreError;
+use crate::error::{Result, StoreError};
 use crate::fence::{Fence, Receipt};
 use crate::filter::{Filter, Order};
 
@@ -49,7 +49,7 @@ impl StudyRecord {
     }
 
     /// The answer to the creation of a study where this one exists.
-    pub(crate) fn found(self, spec: &StudySpec) -> Result<Created, StoreError> {
+    pub(crate) fn found(self, spec: &StudySpec) -> Result<Created> {
         match self.revision_of(spec) {
             Ok(_) => Ok(Created { study: self, is_new: false }),
             Err(difference) => Err(StoreError::StudyExists { study: self.id, difference }),
@@ -144,35 +144,30 @@ pub enum StudyWrite<'a> {
 pub trait Store: Send + Sync + 'static {
     /// Creates a study with an identity of its own, or finds an equal one under its id, be it with one of its
     /// earlier spaces. Its trial numbers begin after those of earlier studies of that id.
-    async fn create_study(&self, id: &str, spec: &StudySpec, now_ms: i64) -> Result<Created, StoreError>;
+    async fn create_study(&self, id: &str, spec: &StudySpec, now_ms: i64) -> Result<Created>;
 
     /// Reads a study.
-    async fn get_study(&self, study: &str) -> Result<StudyRecord, StoreError>;
+    async fn get_study(&self, study: &str) -> Result<StudyRecord>;
 
     /// Reads at most `size` studies by rising id, behind `after`.
-    async fn list_studies(&self, after: Option<&str>, size: u32) -> Result<Vec<StudyRecord>, StoreError>;
+    async fn list_studies(&self, after: Option<&str>, size: u32) -> Result<Vec<StudyRecord>>;
 
     /// The present id of the study with this identity; none where there is no such study.
-    async fn find_study(&self, uid: StudyUid) -> Result<Option<String>, StoreError>;
+    async fn find_study(&self, uid: StudyUid) -> Result<Option<String>>;
 
     /// Gives a study another id, and breaks its fence. Its trial numbers go on after its own and those of
     /// earlier studies of the new id. [`StoreError::NameTaken`] when a study has the id. Where a `uid` is
     /// given, a study of the old id with another identity counts as none.
-    async fn rename_study(
-        &self,
-        study: &str,
-        uid: Option<StudyUid>,
-        to: &str,
-    ) -> Result<StudyRecord, StoreError>;
+    async fn rename_study(&self, study: &str, uid: Option<StudyUid>, to: &str) -> Result<StudyRecord>;
 
     /// Deletes a study with its states, trials and visits, and breaks its fence. Where a `uid` is given, a
     /// study of the id with another identity counts as none.
-    async fn delete_study(&self, study: &str, uid: Option<StudyUid>) -> Result<(), StoreError>;
+    async fn delete_study(&self, study: &str, uid: Option<StudyUid>) -> Result<()>;
 
     /// Waits for all writes queued so far, breaks earlier fences of the study and reads all of it but its
     /// closed trials. Where several replicas share the store, it fails with [`StoreError::Elsewhere`] while
     /// another holds the study.
-    async fn load(&self, study: &str) -> Result<Loaded, StoreError>;
+    async fn load(&self, study: &str) -> Result<Loaded>;
 
     /// The secret by which processes that share this store recognise each other; none where only one process
     /// may serve it.
@@ -234,17 +229,12 @@ pub trait Store: Send + Sync + 'static {
     /// Reads the completed trials behind a place in the order of completion, in that order, at most `size` of
     /// them. Only their exclusion changes, so the fence only names the study and may be broken. The cost does
     /// not depend on the place in the history.
-    async fn completed_trials(
-        &self,
-        fence: &Fence,
-        after: u64,
-        size: u32,
-    ) -> Result<Vec<RawTrial>, StoreError>;
+    async fn completed_trials(&self, fence: &Fence, after: u64, size: u32) -> Result<Vec<RawTrial>>;
 
     /// Saves a checkpoint in the place of earlier ones. The earlier one stays until the new one is complete;
     /// other writes do not wait for the whole of it. A failure does not break the fence, because a checkpoint
     /// only saves time.
-    async fn save_checkpoint(&self, fence: &Fence, checkpoint: &Checkpoint) -> Result<(), StoreError>;
+    async fn save_checkpoint(&self, fence: &Fence, checkpoint: &Checkpoint) -> Result<()>;
 
     /// The trials behind `after` and up to `up_to` that are not open, by rising number, at most `size` of
     /// them.
@@ -254,22 +244,22 @@ pub trait Store: Send + Sync + 'static {
         after: u64,
         up_to: u64,
         size: u32,
-    ) -> Result<Vec<ClosedTrial>, StoreError>;
+    ) -> Result<Vec<ClosedTrial>>;
 
     /// Removes trials for good, and returns their number. Open trials stay, and so do those completed after
     /// the completion `covered`: an expired trial may have been reported since the caller looked. The trial
     /// with the highest number and the one completed last must stay, because the study's counts are read from
     /// them. Much free space in a file is given back in that step. A failure does not break the fence.
-    async fn remove_trials(&self, fence: &Fence, numbers: &[u64], covered: u64) -> Result<u64, StoreError>;
+    async fn remove_trials(&self, fence: &Fence, numbers: &[u64], covered: u64) -> Result<u64>;
 
     /// Reads a trial.
-    async fn get_trial(&self, study: &str, number: u64) -> Result<RawTrial, StoreError>;
+    async fn get_trial(&self, study: &str, number: u64) -> Result<RawTrial>;
 
     /// Reads a page of trials.
-    async fn query_trials(&self, study: &str, query: &TrialQuery) -> Result<TrialPage, StoreError>;
+    async fn query_trials(&self, study: &str, query: &TrialQuery) -> Result<TrialPage>;
 
     /// The ids of the studies that hold an open trial whose lease ended before `now_ms`.
-    async fn studies_with_due_leases(&self, now_ms: i64) -> Result<Vec<String>, StoreError>;
+    async fn studies_with_due_leases(&self, now_ms: i64) -> Result<Vec<String>>;
 
     /// Whether a writing task met a defect, so that no write is possible until the process is started again.
     fn has_failed(&self) -> bool {

@@ -8,7 +8,7 @@ use super::failed;
 use super::shared::{SharedState, StudyHolder};
 use super::statements as sql;
 use crate::assembly::study_not_found;
-use crate::error::StoreError;
+use crate::error::{Result, StoreError};
 use crate::fence::Fence;
 use crate::limits;
 use crate::read::ask;
@@ -18,11 +18,7 @@ const TRIES: usize = 8;
 
 /// Raises the study's epoch and makes this replica its owner. From then on, changes computed under an older
 /// epoch are refused.
-pub(super) async fn claim(
-    connection: &mut PgConnection,
-    shared: &SharedState,
-    study: &str,
-) -> Result<Fence, StoreError> {
+pub(super) async fn claim(connection: &mut PgConnection, shared: &SharedState, study: &str) -> Result<Fence> {
     for _ in 0..TRIES {
         let me = shared.me();
         let lapse_s = limits::REPLICA_LAPSE.as_secs_f64();

@@ -38,7 +38,7 @@ use treewright_core::study::StudySpec;
 use treewright_core::trial::RawTrial;
 use treewright_core::tuner::Checkpoint;
 
-use crate::error::{OpenError, StoreError};
+use crate::error::{OpenError, Result, StoreError};
 use crate::fence::{Fence, Receipt};
 use crate::limits;
 use crate::rows::{self, PartRow, StudyChange};
@@ -145,14 +145,14 @@ impl PostgresStore {
         receipt
     }
 
-    async fn reader(&self) -> Result<PoolConnection<Postgres>, StoreError> {
+    async fn reader(&self) -> Result<PoolConnection<Postgres>> {
         self.readers.acquire().await.map_err(failed)
     }
 }
 
 /// Waits for the answer to a question, but not for ever. The setting of [`PostgresAddress::pool`] stops a
 /// server that is there and slow; this is for one that is silent.
-async fn in_time<T>(question: impl Future<Output = Result<T, StoreError>>) -> Result<T, StoreError> {
+async fn in_time<T>(question: impl Future<Output = Result<T>>) -> Result<T> {
     let answer = timeout(limits::POSTGRES_QUESTION_TIMEOUT, question).await;
     answer.unwrap_or_else(|_| Err(failed(open::silent())))
 }
@@ -176,40 +176,35 @@ fn failed(error: sqlx::Error) -> StoreError {
 
 #[async_trait]
 impl Store for PostgresStore {
-    async fn create_study(&self, id: &str, spec: &StudySpec, now_ms: i64) -> Result<Created, StoreError> {
+    async fn create_study(&self, id: &str, spec: &StudySpec, now_ms: i64) -> Result<Created> {
         in_time(read::create(&mut *self.reader().await?, id, spec, now_ms)).await
     }
 
-    async fn get_study(&self, study: &str) -> Result<StudyRecord, StoreError> {
+    async fn get_study(&self, study: &str) -> Result<StudyRecord> {
         in_time(read::study(&mut *self.reader().await?, study)).await
     }
 
-    async fn list_studies(&self, after: Option<&str>, size: u32) -> Result<Vec<StudyRecord>, StoreError> {
+    async fn list_studies(&self, after: Option<&str>, size: u32) -> Result<Vec<StudyRecord>> {
         in_time(read::studies(&mut *self.reader().await?, after, size)).await
     }
 
-    async fn delete_study(&self, study: &str, uid: Option<StudyUid>) -> Result<(), StoreError> {
+    async fn delete_study(&self, study: &str, uid: Option<StudyUid>) -> Result<()> {
         let key = in_time(studies::delete(&mut *self.reader().await?, study, uid)).await?;
         self.shared.deleted(key);
         Ok(())
     }
 
-    async fn find_study(&self, uid: StudyUid) -> Result<Option<String>, StoreError> {
+    async fn find_study(&self, uid: StudyUid) -> Result<Option<String>> {
         in_time(read::study_of_uid(&mut *self.reader().await?, uid)).await
     }
 
-    async fn rename_study(
-        &self,
-        study: &str,
-        uid: Option<StudyUid>,
-        to: &str,
-    ) -> Result<StudyRecord, StoreError> {
+    async fn rename_study(&self, study: &str, uid: Option<StudyUid>, to: &str) -> Result<StudyRecord> {
         let key = in_time(studies::rename(&mut *self.reader().await?, study, uid, to)).await?;
         self.shared.deleted(key);
         self.get_study(to).await
     }
 
-    async fn load(&self, study: &str) -> Result<Loaded, StoreError> {
+    async fn load(&self, study: &str) -> Result<Loaded> {
         if let Some(owner) = self.shared.owner(study) {
             return Err(StoreError::Elsewhere { study: study.to_owned(), address: owner.address });
         }
@@ -253,17 +248,12 @@ impl Store for PostgresStore {
         }
     }
 
-    async fn completed_trials(
-        &self,
-        fence: &Fence,
-        after: u64,
-        size: u32,
-    ) -> Result<Vec<RawTrial>, StoreError> {
+    async fn completed_trials(&self, fence: &Fence, after: u64, size: u32) -> Result<Vec<RawTrial>> {
         let read = in_time(read::completed(&mut *self.reader().await?, fence, after, size)).await;
         read.map_err(|error| error.in_study(fence.study()))
     }
 
-    async fn save_checkpoint(&self, fence: &Fence, checkpoint: &Checkpoint) -> Result<(), StoreError> {
+    async fn save_checkpoint(&self, fence: &Fence, checkpoint: &Checkpoint) -> Result<()> {
         // The parts go one after the other, so that other writes come in between.
         for row in PartRow::cut(checkpoint) {
             self.change(fence, StudyChange::Part(row?)).durable().await?;
@@ -277,26 +267,26 @@ impl Store for PostgresStore {
         after: u64,
         up_to: u64,
         size: u32,
-    ) -> Result<Vec<ClosedTrial>, StoreError> {
+    ) -> Result<Vec<ClosedTrial>> {
         let read = in_time(read::closed(&mut *self.reader().await?, fence, after, up_to, size)).await;
         read.map_err(|error| error.in_study(fence.study()))
     }
 
-    async fn remove_trials(&self, fence: &Fence, numbers: &[u64], covered: u64) -> Result<u64, StoreError> {
+    async fn remove_trials(&self, fence: &Fence, numbers: &[u64], covered: u64) -> Result<u64> {
         in_time(studies::remove_trials(&mut *self.reader().await?, fence, numbers, covered)).await
     }
 
-    async fn get_trial(&self, study: &str, number: u64) -> Result<RawTrial, StoreError> {
+    async fn get_trial(&self, study: &str, number: u64) -> Result<RawTrial> {
         let read = in_time(read::trial(&mut *self.reader().await?, study, number)).await;
         read.map_err(|error| error.in_study(study))
     }
 
-    async fn query_trials(&self, study: &str, query: &TrialQuery) -> Result<TrialPage, StoreError> {
+    async fn query_trials(&self, study: &str, query: &TrialQuery) -> Result<TrialPage> {
         let read = in_time(read::trials(&mut *self.reader().await?, study, query)).await;
         read.map_err(|error| error.in_study(study))
     }
 
-    async fn studies_with_due_leases(&self, now_ms: i64) -> Result<Vec<String>, StoreError> {
+    async fn studies_with_due_leases(&self, now_ms: i64) -> Result<Vec<String>> {
         in_time(studies::with_due_leases(&mut *self.reader().await?, self.shared.me(), now_ms)).await
     }
 

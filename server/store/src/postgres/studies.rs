@@ -4,18 +4,14 @@ use sqlx::postgres::PgConnection;
 use treewright_core::ids::StudyUid;
 
 use super::{failed, read, statements as sql};
-use crate::error::StoreError;
+use crate::error::{Result, StoreError};
 use crate::fence::Fence;
 use crate::limits;
 use crate::read::ask;
 use crate::rows::{one_at_most, signed, unsigned};
 
 /// Makes a study unfindable, and returns its key. [`reap`] removes its rows.
-pub(super) async fn delete(
-    connection: &mut PgConnection,
-    study: &str,
-    uid: Option<StudyUid>,
-) -> Result<i64, StoreError> {
+pub(super) async fn delete(connection: &mut PgConnection, study: &str, uid: Option<StudyUid>) -> Result<i64> {
     let mut transaction = sqlx::Connection::begin(connection).await.map_err(failed)?;
     let key = read::lock(&mut transaction, study, uid).await?;
     read::leave_name(&mut transaction, key).await?;
@@ -31,7 +27,7 @@ pub(super) async fn rename(
     study: &str,
     uid: Option<StudyUid>,
     to: &str,
-) -> Result<i64, StoreError> {
+) -> Result<i64> {
     if study == to {
         return read::lock(connection, study, uid).await;
     }
@@ -54,7 +50,7 @@ pub(super) async fn remove_trials(
     fence: &Fence,
     numbers: &[u64],
     covered: u64,
-) -> Result<u64, StoreError> {
+) -> Result<u64> {
     fence.check()?;
     let most = numbers.len() as i64;
     let numbers = numbers.iter().map(|number| signed(*number)).collect::<Result<Vec<i64>, _>>()?;
@@ -99,7 +95,7 @@ pub(super) async fn with_due_leases(
     connection: &mut PgConnection,
     me: i32,
     now_ms: i64,
-) -> Result<Vec<String>, StoreError> {
+) -> Result<Vec<String>> {
     let (lapse_s, most) = (limits::REPLICA_LAPSE.as_secs_f64(), i64::from(limits::SWEEP_STUDIES));
     let due: Vec<String> =
         ask!(query_scalar.fetch_all(connection, sql::STUDIES_WITH_DUE_LEASES, now_ms, me, lapse_s, most))?;

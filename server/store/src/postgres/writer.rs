@@ -19,7 +19,7 @@ use super::batch::{Batch, without_nul};
 use super::open::silent;
 use super::shared::SharedState;
 use super::{claim, failed, statements as sql};
-use crate::error::StoreError;
+use crate::error::{Result, StoreError};
 use crate::fence::Fence;
 use crate::limits;
 use crate::rows::{StudyChange, inconsistent, one_at_most};
@@ -34,14 +34,14 @@ type Statement<'q> = Query<'q, Postgres, PgArguments>;
 
 pub(super) enum StudyJob {
     Change(ChangeJob),
-    Claim { study: String, answer: oneshot::Sender<Result<Fence, StoreError>> },
+    Claim { study: String, answer: oneshot::Sender<Result<Fence>> },
 }
 
 /// A write under a fence, and the receiver of its answer.
 pub(super) struct ChangeJob {
     pub(super) fence: Fence,
     pub(super) change: StudyChange,
-    pub(super) answer: oneshot::Sender<Result<(), StoreError>>,
+    pub(super) answer: oneshot::Sender<Result<()>>,
 }
 
 impl StudyJob {
@@ -55,7 +55,7 @@ impl StudyJob {
 
 impl ChangeJob {
     /// Answers, and breaks the fence after an error.
-    fn finish(self, result: Result<(), StoreError>) {
+    fn finish(self, result: Result<()>) {
         if let Err(error) = &result {
             self.change.fail(&self.fence, error);
         }
@@ -191,7 +191,7 @@ impl Writer {
         BatchResult::Failed(StoreError::Unavailable(problem))
     }
 
-    async fn claim(&mut self, study: &str) -> Result<Fence, StoreError> {
+    async fn claim(&mut self, study: &str) -> Result<Fence> {
         let shared = Arc::clone(&self.shared);
         let connection = self.connection().await?;
         let claiming = timeout(limits::POSTGRES_WRITE_TIMEOUT, claim::claim(connection, &shared, study));
@@ -202,7 +202,7 @@ impl Writer {
 
     /// A write that shares no statement: a study, a space, the exclusion of a trial, a part of a checkpoint,
     /// or a commit under a fence that is broken, which is refused.
-    async fn alone(&mut self, job: &ChangeJob) -> Result<(), StoreError> {
+    async fn alone(&mut self, job: &ChangeJob) -> Result<()> {
         let fence = &job.fence;
         fence.check()?;
         match &job.change {
@@ -240,7 +240,7 @@ impl Writer {
     }
 
     /// Executes a statement that changes nothing where the study's epoch no longer holds.
-    async fn execute_held(&mut self, fence: &Fence, query: Statement<'_>) -> Result<(), StoreError> {
+    async fn execute_held(&mut self, fence: &Fence, query: Statement<'_>) -> Result<()> {
         let rows = self.execute(query).await?;
         one_at_most(rows);
         match rows {
@@ -250,7 +250,7 @@ impl Writer {
     }
 
     /// Executes a statement and counts the rows it changed.
-    async fn execute(&mut self, query: Statement<'_>) -> Result<u64, StoreError> {
+    async fn execute(&mut self, query: Statement<'_>) -> Result<u64> {
         let connection = self.connection().await?;
         let done = timeout(limits::POSTGRES_WRITE_TIMEOUT, query.execute(connection)).await;
         let done = done.unwrap_or_else(|_| Err(silent())).map_err(failed);
@@ -259,13 +259,13 @@ impl Writer {
     }
 
     /// A connection is not used again after an error, because its unread answers are unknown.
-    fn keep_connection_after<T>(&mut self, result: &Result<T, StoreError>) {
+    fn keep_connection_after<T>(&mut self, result: &Result<T>) {
         if matches!(result, Err(StoreError::Unavailable { .. })) {
             self.connection = None;
         }
     }
 
-    async fn connection(&mut self) -> Result<&mut PgConnection, StoreError> {
+    async fn connection(&mut self) -> Result<&mut PgConnection> {
         if self.connection.is_none() {
             if let Some((_, error)) = self.failure.as_ref().filter(|(at, _)| at.elapsed() < FAIL_FAST) {
                 return Err(error.clone());

@@ -11,7 +11,7 @@ use treewright_core::tuner::StudyCounts;
 use super::codes::refused;
 use super::statements as sql;
 use super::{read, script};
-use crate::error::StoreError;
+use crate::error::{Result, StoreError};
 use crate::fence::Fence;
 use crate::limits;
 use crate::rows::{self, StudyChange, one_at_most};
@@ -62,7 +62,7 @@ pub(super) async fn apply(
     connection: &mut SqliteConnection,
     fences: &mut GroupFences,
     command: &WriteCommand,
-) -> Result<WriteResult, StoreError> {
+) -> Result<WriteResult> {
     match command {
         WriteCommand::Create { id, spec, now_ms } => {
             let created = read::create(connection, id, spec, *now_ms).await?;
@@ -109,11 +109,7 @@ pub(super) async fn apply(
     }
 }
 
-async fn change_study(
-    connection: &mut SqliteConnection,
-    fence: &Fence,
-    change: &StudyChange,
-) -> Result<(), StoreError> {
+async fn change_study(connection: &mut SqliteConnection, fence: &Fence, change: &StudyChange) -> Result<()> {
     let study = fence.key();
     match change {
         StudyChange::Commit(rows) => {
@@ -142,7 +138,7 @@ pub(super) fn is_in_force(fences: &GroupFences, fence: &Fence) -> bool {
 }
 
 /// Checks that a fence holds, which then is the one in force.
-fn check_in_force(fences: &GroupFences, fence: &Fence) -> Result<(), StoreError> {
+fn check_in_force(fences: &GroupFences, fence: &Fence) -> Result<()> {
     fence.check()?;
     debug_assert!(is_in_force(fences, fence), "two fences of {} hold", fence.study());
     Ok(())
@@ -160,7 +156,7 @@ async fn rename(
     connection: &mut SqliteConnection,
     (study, uid): (&str, Option<StudyUid>),
     to: &str,
-) -> Result<Option<i64>, StoreError> {
+) -> Result<Option<i64>> {
     let key = read::lock(&mut *connection, study, uid).await?;
     if study == to {
         return Ok(None);
@@ -197,7 +193,7 @@ async fn exclude(
     fence: &Fence,
     number: i64,
     reason: Option<&str>,
-) -> Result<(), StoreError> {
+) -> Result<()> {
     let excluding = sqlx::query(sql::TRIAL_EXCLUDE).bind(fence.key()).bind(number).bind(reason);
     let excluded = excluding.execute(&mut *connection).await.map_err(refused)?.rows_affected();
     one_at_most(excluded);

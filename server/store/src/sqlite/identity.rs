@@ -9,7 +9,7 @@ use std::os::unix::fs::MetadataExt as _;
 use std::path::{Path, PathBuf};
 
 use super::place::beside;
-use crate::error::StoreError;
+use crate::error::{Result, StoreError};
 
 /// SQLite has the file open still, under another name or under none.
 const DATABASE_REMEDY: &str =
@@ -47,7 +47,7 @@ impl FileIdentity {
     }
 
     /// Refuses when one of the files was replaced or is missing.
-    pub(super) fn check(&mut self) -> Result<(), StoreError> {
+    pub(super) fn check(&mut self) -> Result<()> {
         for KnownFile { name, is, remedy } in &mut self.0 {
             let found = identity(name);
             if is.is_some() && found != *is {

@@ -33,7 +33,7 @@ use treewright_core::study::StudySpec;
 use treewright_core::trial::RawTrial;
 use treewright_core::tuner::Checkpoint;
 
-use crate::error::{OpenError, StoreError};
+use crate::error::{OpenError, Result, StoreError};
 use crate::fence::{Fence, Receipt};
 use crate::limits;
 use crate::rows::{self, PartRow, StudyChange};
@@ -114,13 +114,13 @@ impl SqliteStore {
         job.refuse(error);
     }
 
-    async fn write(&self, command: WriteCommand) -> Result<WriteResult, StoreError> {
+    async fn write(&self, command: WriteCommand) -> Result<WriteResult> {
         let (sender, receiver) = oneshot::channel();
         self.enqueue(command, Reply::Done(sender));
         receiver.await.unwrap_or(Err(StoreError::Closed))
     }
 
-    async fn reader(&self) -> Result<PoolConnection<Sqlite>, StoreError> {
+    async fn reader(&self) -> Result<PoolConnection<Sqlite>> {
         self.readers.acquire().await.map_err(|error| store_error(&error))
     }
 }
@@ -142,7 +142,7 @@ fn mismatch() -> StoreError {
 
 #[async_trait]
 impl Store for SqliteStore {
-    async fn create_study(&self, id: &str, spec: &StudySpec, now_ms: i64) -> Result<Created, StoreError> {
+    async fn create_study(&self, id: &str, spec: &StudySpec, now_ms: i64) -> Result<Created> {
         let command = WriteCommand::Create { id: id.to_owned(), spec: Box::new(spec.clone()), now_ms };
         match self.write(command).await? {
             WriteResult::Created(created) => Ok(*created),
@@ -150,35 +150,30 @@ impl Store for SqliteStore {
         }
     }
 
-    async fn get_study(&self, study: &str) -> Result<StudyRecord, StoreError> {
+    async fn get_study(&self, study: &str) -> Result<StudyRecord> {
         read::study(&mut *self.reader().await?, study).await
     }
 
-    async fn list_studies(&self, after: Option<&str>, size: u32) -> Result<Vec<StudyRecord>, StoreError> {
+    async fn list_studies(&self, after: Option<&str>, size: u32) -> Result<Vec<StudyRecord>> {
         read::studies(&mut *self.reader().await?, after, size).await
     }
 
-    async fn delete_study(&self, study: &str, uid: Option<StudyUid>) -> Result<(), StoreError> {
+    async fn delete_study(&self, study: &str, uid: Option<StudyUid>) -> Result<()> {
         let study = study.to_owned();
         self.write(WriteCommand::Delete { study, uid }).await.map(|_| ())
     }
 
-    async fn find_study(&self, uid: StudyUid) -> Result<Option<String>, StoreError> {
+    async fn find_study(&self, uid: StudyUid) -> Result<Option<String>> {
         read::study_of_uid(&mut *self.reader().await?, uid).await
     }
 
-    async fn rename_study(
-        &self,
-        study: &str,
-        uid: Option<StudyUid>,
-        to: &str,
-    ) -> Result<StudyRecord, StoreError> {
+    async fn rename_study(&self, study: &str, uid: Option<StudyUid>, to: &str) -> Result<StudyRecord> {
         let command = WriteCommand::Rename { study: study.to_owned(), uid, to: to.to_owned() };
         self.write(command).await?;
         self.get_study(to).await
     }
 
-    async fn load(&self, study: &str) -> Result<Loaded, StoreError> {
+    async fn load(&self, study: &str) -> Result<Loaded> {
         match self.write(WriteCommand::Fence { study: study.to_owned() }).await? {
             WriteResult::Fenced(fence) => {
                 let read = read::load(&mut *self.reader().await?, fence).await;
@@ -206,17 +201,12 @@ impl Store for SqliteStore {
         }
     }
 
-    async fn completed_trials(
-        &self,
-        fence: &Fence,
-        after: u64,
-        size: u32,
-    ) -> Result<Vec<RawTrial>, StoreError> {
+    async fn completed_trials(&self, fence: &Fence, after: u64, size: u32) -> Result<Vec<RawTrial>> {
         let read = read::completed(&mut *self.reader().await?, fence, after, size).await;
         read.map_err(|error| error.in_study(fence.study()))
     }
 
-    async fn save_checkpoint(&self, fence: &Fence, checkpoint: &Checkpoint) -> Result<(), StoreError> {
+    async fn save_checkpoint(&self, fence: &Fence, checkpoint: &Checkpoint) -> Result<()> {
         // The parts go one after the other, so that other writes come in between.
         for row in PartRow::cut(checkpoint) {
             let change = StudyChange::Part(row?);
@@ -231,12 +221,12 @@ impl Store for SqliteStore {
         after: u64,
         up_to: u64,
         size: u32,
-    ) -> Result<Vec<ClosedTrial>, StoreError> {
+    ) -> Result<Vec<ClosedTrial>> {
         let read = read::closed(&mut *self.reader().await?, fence, after, up_to, size).await;
         read.map_err(|error| error.in_study(fence.study()))
     }
 
-    async fn remove_trials(&self, fence: &Fence, numbers: &[u64], covered: u64) -> Result<u64, StoreError> {
+    async fn remove_trials(&self, fence: &Fence, numbers: &[u64], covered: u64) -> Result<u64> {
         let most = numbers.len() as u64;
         let (numbers, covered) = (rows::write(&numbers)?, rows::signed(covered)?);
         match self.write(WriteCommand::Remove { fence: fence.clone(), numbers, covered }).await? {
@@ -248,17 +238,17 @@ impl Store for SqliteStore {
         }
     }
 
-    async fn get_trial(&self, study: &str, number: u64) -> Result<RawTrial, StoreError> {
+    async fn get_trial(&self, study: &str, number: u64) -> Result<RawTrial> {
         let read = read::trial(&mut *self.reader().await?, study, number).await;
         read.map_err(|error| error.in_study(study))
     }
 
-    async fn query_trials(&self, study: &str, query: &TrialQuery) -> Result<TrialPage, StoreError> {
+    async fn query_trials(&self, study: &str, query: &TrialQuery) -> Result<TrialPage> {
         let read = read::trials(&mut *self.reader().await?, study, query).await;
         read.map_err(|error| error.in_study(study))
     }
 
-    async fn studies_with_due_leases(&self, now_ms: i64) -> Result<Vec<String>, StoreError> {
+    async fn studies_with_due_leases(&self, now_ms: i64) -> Result<Vec<String>> {
         read::studies_with_due_leases(&self.readers, now_ms).await
     }
 

@@ -11,10 +11,7 @@ fn failed(error: sqlx::Error) -> StoreError {
 
 crate::read::reads!(SqliteConnection);
 
-pub(super) async fn studies_with_due_leases(
-    readers: &SqlitePool,
-    now_ms: i64,
-) -> Result<Vec<String>, StoreError> {
+pub(super) async fn studies_with_due_leases(readers: &SqlitePool, now_ms: i64) -> Result<Vec<String>> {
     sqlx::query_scalar(sql::STUDIES_WITH_DUE_LEASES).bind(now_ms).fetch_all(readers).await.map_err(failed)
 }
 

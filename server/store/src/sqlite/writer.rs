@@ -12,7 +12,7 @@ use tokio::time::{Instant, timeout_at};
 use super::commands::{self, GroupFences, WriteCommand, WriteResult};
 use super::identity::FileIdentity;
 use super::{codes, reap, script};
-use crate::error::StoreError;
+use crate::error::{Result, StoreError};
 use crate::fence::Fence;
 use crate::limits;
 use crate::rows::{Rows, StudyChange};
@@ -24,12 +24,12 @@ pub(super) struct WriteJob {
 
 /// The receiver of an answer. The write happens even if the caller has left.
 pub(super) enum Reply {
-    Done(oneshot::Sender<Result<WriteResult, StoreError>>),
-    Stored(oneshot::Sender<Result<(), StoreError>>),
+    Done(oneshot::Sender<Result<WriteResult>>),
+    Stored(oneshot::Sender<Result<()>>),
 }
 
 impl Reply {
-    pub(super) fn give(self, result: Result<WriteResult, StoreError>) {
+    pub(super) fn give(self, result: Result<WriteResult>) {
         match self {
             Self::Done(sender) => drop(sender.send(result)),
             Self::Stored(sender) => drop(sender.send(result.map(|_| ()))),
