@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use tokio::sync::{OwnedSemaphorePermit, Semaphore, watch};
 
-use crate::error::Error;
+use crate::error::{Error, Result};
 use crate::limits;
 
 /// Counts the requests and streams in progress, and takes none while draining. Clones share the counts.
@@ -58,16 +58,16 @@ impl Admission {
     }
 
     /// Admits a request.
-    pub fn request(&self) -> Result<Admitted, Error> {
+    pub fn request(&self) -> Result<Admitted> {
         self.enter(&self.requests, "requests", self.limits.requests)
     }
 
     /// Admits a Tune stream; each of its frames is a request of its own.
-    pub fn stream(&self) -> Result<Admitted, Error> {
+    pub fn stream(&self) -> Result<Admitted> {
         self.enter(&self.streams, "Tune streams", self.limits.streams)
     }
 
-    fn enter(&self, semaphore: &Arc<Semaphore>, what: &'static str, limit: usize) -> Result<Admitted, Error> {
+    fn enter(&self, semaphore: &Arc<Semaphore>, what: &'static str, limit: usize) -> Result<Admitted> {
         if self.is_draining() {
             return Err(Error::Draining);
         }

@@ -7,6 +7,9 @@ use treewright_proto::convert::Malformed;
 use treewright_store::StoreError;
 use treewright_store::tokens::TokenError;
 
+/// What a request comes to.
+pub type Result<T, E = Error> = std::result::Result<T, E>;
+
 /// Why a request was refused. Nothing of it was done.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum Error {

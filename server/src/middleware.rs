@@ -21,7 +21,7 @@ use crate::access::caller::Caller;
 use crate::access::rules::{AccessRule, Need, rule_for};
 use crate::access::{Access, Authorization};
 use crate::connections::{Activity, answer_body, request_body};
-use crate::error::Error;
+use crate::error::{Error, Result};
 use crate::peers::key::{self, ReplicaKey};
 use crate::refusals::Refusals;
 use crate::telemetry::traces;
@@ -198,7 +198,7 @@ impl MiddlewareState {
         }
     }
 
-    async fn authorize(&self, rule: AccessRule, headers: &HeaderMap) -> Result<Caller, Error> {
+    async fn authorize(&self, rule: AccessRule, headers: &HeaderMap) -> Result<Caller> {
         if headers.len() > limits::HEADERS {
             let problem = format!("{} of them, at most {} are taken", headers.len(), limits::HEADERS);
             return Err(Error::invalid("metadata", problem));

@@ -11,7 +11,7 @@ use treewright_store::tokens::{Quota, Scope, TokenError, TokenRecord, Usage, day
 
 use super::rate::Rate;
 use crate::clock::Clock;
-use crate::error::Error;
+use crate::error::{Error, Result};
 use crate::limits;
 
 /// The sender of a request. Cheap to clone.
@@ -82,7 +82,7 @@ impl Holder {
     }
 
     /// The present terms of a token that is still valid.
-    pub(super) fn terms(&self) -> Result<Arc<TokenRecord>, Error> {
+    pub(super) fn terms(&self) -> Result<Arc<TokenRecord>> {
         self.seen.check()?;
         let terms = self.terms.read().unwrap_or_else(PoisonError::into_inner).clone();
         let now_ms = self.clock.now_ms();
@@ -130,7 +130,7 @@ impl Holder {
     }
 
     /// Adds to the usage, or to the reserved usage of a request that may fail, where the quota allows it.
-    fn spend(&self, more: Usage, reserve: bool) -> Result<(), Error> {
+    fn spend(&self, more: Usage, reserve: bool) -> Result<()> {
         let quota = self.terms()?.quota;
         let now_ms = self.clock.now_ms();
         let mut used = self.used.lock().unwrap_or_else(PoisonError::into_inner);
@@ -205,7 +205,7 @@ impl Caller {
     }
 
     /// Whether the token permits this at the moment.
-    pub fn may(&self, scope: Scope) -> Result<(), Error> {
+    pub fn may(&self, scope: Scope) -> Result<()> {
         let Self::Holder(holder) = self else {
             return Ok(());
         };
@@ -230,7 +230,7 @@ impl Caller {
     }
 
     /// Checks that the caller may know of a study. The answer does not show whether the study exists.
-    pub fn reach(&self, study: &str) -> Result<(), Error> {
+    pub fn reach(&self, study: &str) -> Result<()> {
         if self.sees(study) { Ok(()) } else { Err(Error::Denied("the token is not good for this study")) }
     }
 
@@ -238,7 +238,7 @@ impl Caller {
     ///
     /// # Errors
     /// [`Error::Quota`], or [`Error::Unauthenticated`] when the token has ended meanwhile.
-    pub fn spend_request(&self, bytes: usize) -> Result<(), Error> {
+    pub fn spend_request(&self, bytes: usize) -> Result<()> {
         let Self::Holder(holder) = self else {
             return Ok(());
         };
@@ -250,16 +250,16 @@ impl Caller {
     }
 
     /// Counts a trial that is to be handed out.
-    pub fn spend_trial(&self) -> Result<Spent<'_>, Error> {
+    pub fn spend_trial(&self) -> Result<Spent<'_>> {
         self.spend(Usage { trials: 1, ..Usage::default() })
     }
 
     /// Counts a study that is to be created.
-    pub fn spend_study(&self) -> Result<Spent<'_>, Error> {
+    pub fn spend_study(&self) -> Result<Spent<'_>> {
         self.spend(Usage { studies: 1, ..Usage::default() })
     }
 
-    fn spend(&self, what: Usage) -> Result<Spent<'_>, Error> {
+    fn spend(&self, what: Usage) -> Result<Spent<'_>> {
         if let Self::Holder(holder) = self {
             holder.spend(what, true)?;
         }
@@ -306,7 +306,7 @@ impl LastRead {
     }
 
     /// Whether the copy is still recent enough.
-    pub(super) fn check(&self) -> Result<(), Error> {
+    pub(super) fn check(&self) -> Result<()> {
         let age = self.0.lock().unwrap_or_else(PoisonError::into_inner).elapsed();
         if age <= limits::TOKENS_STALE {
             return Ok(());

@@ -26,7 +26,7 @@ use treewright_store::tokens::{TokenError, TokenRecord, Usage, day};
 use treewright_store::{StoreError, TokenStore};
 
 use crate::clock::Clock;
-use crate::error::Error;
+use crate::error::{Error, Result};
 use crate::limits;
 use crate::trouble::Trouble;
 use caller::{Caller, Holder, LastRead};
@@ -210,7 +210,7 @@ impl Access {
     /// # Errors
     /// [`Error::Unauthenticated`] for no token and for one that is wrong or has ended, [`Error::Denied`] for
     /// one of too narrow a scope.
-    pub async fn authorize(&self, need: Need, authorization: Authorization<'_>) -> Result<Caller, Error> {
+    pub async fn authorize(&self, need: Need, authorization: Authorization<'_>) -> Result<Caller> {
         let Need::Scope(scope) = need else {
             return Ok(Caller::Anyone);
         };
@@ -246,7 +246,7 @@ impl Access {
     }
 
     /// The place in memory of a token that is used for the first time.
-    async fn hold(&self, record: TokenRecord) -> Result<Arc<Holder>, Error> {
+    async fn hold(&self, record: TokenRecord) -> Result<Arc<Holder>> {
         let used = self.store.usage(&record.id, day(self.clock.now_ms())).await.map_err(Error::Tokens)?;
         let mut known = self.known.write().unwrap_or_else(PoisonError::into_inner);
         // The terms may have changed while the use was read.

@@ -18,7 +18,7 @@ use treewright_proto::convert::{
 use treewright_proto::v1;
 
 use super::names::{self, StudyName, TrialName};
-use crate::error::Error;
+use crate::error::{Error, Result};
 
 /// A client's report.
 #[derive(Clone, Debug, PartialEq)]
@@ -60,7 +60,7 @@ pub struct SpaceChange {
 }
 
 /// Reads a specification.
-pub fn study(study: v1::Study) -> Result<StudySpec, Error> {
+pub fn study(study: v1::Study) -> Result<StudySpec> {
     let said = spec_from_wire(study)?;
     let invalid = |error| Error::invalid("study", error);
     let policy =
@@ -72,7 +72,7 @@ pub fn study(study: v1::Study) -> Result<StudySpec, Error> {
 }
 
 /// Reads a change of a study's space.
-pub fn space_change(request: v1::ChangeSpaceRequest) -> Result<SpaceChange, Error> {
+pub fn space_change(request: v1::ChangeSpaceRequest) -> Result<SpaceChange> {
     let space = request.space.ok_or_else(|| required("space"))?;
     let space = space_from_wire("space", space)?;
     printable("space", &space)?;
@@ -87,7 +87,7 @@ pub fn space_change(request: v1::ChangeSpaceRequest) -> Result<SpaceChange, Erro
 
 /// Refuses text values that a database, a table or a terminal cannot hold. Names have no such characters.
 /// A stored study may have some, from before this rule.
-fn printable(field: &str, space: &Space) -> Result<(), Error> {
+fn printable(field: &str, space: &Space) -> Result<()> {
     for parameter in space.parameters() {
         let Domain::Categorical { values } = &parameter.domain else { continue };
         for value in values {
@@ -104,7 +104,7 @@ fn printable(field: &str, space: &Space) -> Result<(), Error> {
 }
 
 /// Reads a question for the next trial.
-pub fn suggest(request: v1::SuggestRequest) -> Result<Suggest, Error> {
+pub fn suggest(request: v1::SuggestRequest) -> Result<Suggest> {
     Ok(Suggest {
         study: names::study("study", &request.study)?,
         ask: Ask {
@@ -124,12 +124,12 @@ pub fn suggest(request: v1::SuggestRequest) -> Result<Suggest, Error> {
 }
 
 /// Reads the configuration that a client runs by default.
-pub fn start(wire: Option<v1::Configuration>) -> Result<Option<RawConfiguration>, Error> {
+pub fn start(wire: Option<v1::Configuration>) -> Result<Option<RawConfiguration>> {
     wire.map(|start| configuration_from_wire("start", start)).transpose().map_err(Error::from)
 }
 
 /// The place where a wanted configuration was measured before.
-fn origin(text: String, has_wanted: bool) -> Result<Option<String>, Error> {
+fn origin(text: String, has_wanted: bool) -> Result<Option<String>> {
     match text.as_str() {
         "" => Ok(None),
         _ if has_wanted => Ok(Some(text)),
@@ -139,14 +139,14 @@ fn origin(text: String, has_wanted: bool) -> Result<Option<String>, Error> {
     }
 }
 
-fn session_policy(wire: Option<v1::SessionPolicy>) -> Result<SessionPolicy, Error> {
+fn session_policy(wire: Option<v1::SessionPolicy>) -> Result<SessionPolicy> {
     let policy = session_policy_from_wire(wire.unwrap_or_default());
     policy.validate().map_err(|error| Error::invalid("session_policy", error))?;
     Ok(policy)
 }
 
 /// Reads a result.
-pub fn report(request: v1::ReportRequest) -> Result<Report, Error> {
+pub fn report(request: v1::ReportRequest) -> Result<Report> {
     Ok(Report {
         trial: names::trial("trial", &request.trial)?,
         measurements: request.measurements,
@@ -156,7 +156,7 @@ pub fn report(request: v1::ReportRequest) -> Result<Report, Error> {
 }
 
 /// Reads why a trial is excluded; none where it counts again.
-pub fn exclusion(request: &v1::ExcludeTrialRequest) -> Result<Option<&str>, Error> {
+pub fn exclusion(request: &v1::ExcludeTrialRequest) -> Result<Option<&str>> {
     let reason = request.reason.as_str();
     let is_long = || reason.chars().nth(EXCLUSION_CHARACTERS_MAX).is_some();
     match (request.include, reason.trim().is_empty()) {
@@ -179,7 +179,7 @@ pub(crate) fn required(field: &str) -> Error {
 ///
 /// # Errors
 /// [`Error::Invalid`] when it is negative or over the limit.
-pub fn page_size(size: i32) -> Result<u32, Error> {
+pub fn page_size(size: i32) -> Result<u32> {
     use treewright_store::limits::{PAGE_SIZE, PAGE_SIZE_DEFAULT};
     match u32::try_from(size) {
         Ok(0) => Ok(PAGE_SIZE_DEFAULT),

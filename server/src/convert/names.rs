@@ -5,7 +5,7 @@ use std::fmt;
 
 use treewright_core::ids::StudyUid;
 
-use crate::error::Error;
+use crate::error::{Error, Result};
 use crate::limits::{NAME_BYTES, STUDY_ID_CHARACTERS};
 
 /// A study's name in a request.
@@ -40,7 +40,7 @@ pub struct TrialName {
 }
 
 /// Checks the id of a study that is to be created.
-pub fn study_id(field: &str, id: &str) -> Result<String, Error> {
+pub fn study_id(field: &str, id: &str) -> Result<String> {
     let spelt = id.starts_with(|c: char| c.is_ascii_lowercase())
         && id.bytes().all(|b| matches!(b, b'a'..=b'z' | b'0'..=b'9' | b'-' | b'_'));
     if spelt && id.len() <= STUDY_ID_CHARACTERS {
@@ -56,7 +56,7 @@ pub fn study_id(field: &str, id: &str) -> Result<String, Error> {
 }
 
 /// Reads `studies/{study}`.
-pub fn study(field: &str, name: &str) -> Result<StudyName, Error> {
+pub fn study(field: &str, name: &str) -> Result<StudyName> {
     let read = short(name).and_then(|name| name.strip_prefix("studies/")).and_then(place);
     debug_assert!(read.as_ref().is_none_or(|read| read.to_string() == name), "{name:?} is read as {read:?}");
     read.ok_or_else(|| {
@@ -75,7 +75,7 @@ fn place(text: &str) -> Option<StudyName> {
 }
 
 /// Reads `studies/{study}/trials/{trial}`.
-pub fn trial(field: &str, name: &str) -> Result<TrialName, Error> {
+pub fn trial(field: &str, name: &str) -> Result<TrialName> {
     let read = || {
         let (study, number) = short(name)?.strip_prefix("studies/")?.split_once("/trials/")?;
         let plain = number.starts_with(|c: char| matches!(c, '1'..='9'));

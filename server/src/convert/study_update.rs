@@ -8,7 +8,7 @@ use treewright_core::study::StudySpec;
 use treewright_proto::convert::policy_from_wire;
 use treewright_proto::v1;
 
-use crate::error::Error;
+use crate::error::{Error, Result};
 
 /// The paths beside the policy's.
 const TEXTS: [&str; 3] = ["display_name", "note", "tags"];
@@ -30,7 +30,7 @@ impl StudyUpdate {
     ///
     /// # Errors
     /// [`Error::Invalid`] with the field, or with a path of what cannot be changed.
-    pub fn read(study: v1::Study, mask: Option<FieldMask>) -> Result<Self, Error> {
+    pub fn read(study: v1::Study, mask: Option<FieldMask>) -> Result<Self> {
         let paths = mask.map(|mask| mask.paths).unwrap_or_default();
         let paths = if paths.is_empty() { vec!["policy".to_owned()] } else { paths };
         let mut said = policy_from_wire("study.policy", study.policy.unwrap_or_default())?;
@@ -54,7 +54,7 @@ impl StudyUpdate {
     /// # Errors
     /// [`Error::Invalid`] with the field that does not fit, and for another display name of a front's study,
     /// which is found by it.
-    pub fn apply(&self, current: &StudySpec) -> Result<StudySpec, Error> {
+    pub fn apply(&self, current: &StudySpec) -> Result<StudySpec> {
         let mut spec = current.clone();
         let policy = self.merged(spec.policy.to_raw())?.check(&spec.space);
         spec.policy = policy.map_err(|error| Error::invalid("study", error))?;
@@ -80,7 +80,7 @@ impl StudyUpdate {
         Ok(spec)
     }
 
-    fn merged(&self, mut policy: RawPolicy) -> Result<RawPolicy, Error> {
+    fn merged(&self, mut policy: RawPolicy) -> Result<RawPolicy> {
         assert!(!self.paths.is_empty(), "an update without paths changes nothing");
         for path in &self.paths {
             let field = path.strip_prefix("policy.");

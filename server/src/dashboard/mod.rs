@@ -35,7 +35,7 @@ use crate::access::{Access, Authorization};
 use crate::config::DashboardPeer;
 use crate::connections::ConnectionSlot;
 use crate::connections::pages::Pages;
-use crate::error::Error;
+use crate::error::{Error, Result};
 use crate::refusals::Refusals;
 use crate::rpc::Call;
 use crate::tuning::Tuning;
@@ -121,7 +121,7 @@ impl Dashboard {
     }
 
     /// Admits a visitor whose token may read.
-    async fn authorize(&self, authorization: Authorization<'_>) -> Result<Caller, Error> {
+    async fn authorize(&self, authorization: Authorization<'_>) -> Result<Caller> {
         match &self.access {
             None => Ok(Caller::Anyone),
             Some(access) => access.authorize(Need::Scope(Scope::Read), authorization).await,
@@ -147,7 +147,7 @@ impl Dashboard {
     }
 
     /// Admits a request for a page, and counts it.
-    async fn enter(&self, path: &str, headers: &HeaderMap) -> Result<Caller, Error> {
+    async fn enter(&self, path: &str, headers: &HeaderMap) -> Result<Caller> {
         let kept = token_of(headers);
         let authorization = match &kept {
             Some(token) => Authorization::Bearer(token),
@@ -278,7 +278,7 @@ impl Dashboard {
         &self,
         caller: &Caller,
         study: Option<&str>,
-    ) -> Result<(Vec<Option<v1::StudyStatistics>>, u64), Error> {
+    ) -> Result<(Vec<Option<v1::StudyStatistics>>, u64)> {
         caller.may(Scope::Read)?;
         let call = Call { tuning: &self.tuning, caller };
         Ok(match study {
@@ -369,7 +369,7 @@ fn asset(kind: &'static str, content: &'static str) -> Response<Body> {
     response
 }
 
-fn page(status: StatusCode, html: Result<String, Error>) -> Response<Body> {
+fn page(status: StatusCode, html: Result<String>) -> Response<Body> {
     match html {
         Ok(html) => of(status, HTML, html),
         Err(error) => text(StatusCode::INTERNAL_SERVER_ERROR, format!("{error}\n")),

@@ -22,7 +22,7 @@ use treewright_proto::v1;
 
 use super::charts::figure;
 use super::{Query, Visitor};
-use crate::error::Error;
+use crate::error::{Error, Result};
 use crate::rpc;
 
 pub(super) use compare::compare;
@@ -90,15 +90,15 @@ struct Problem<'a> {
     problem: &'a str,
 }
 
-pub(super) fn render(page: &impl Template) -> Result<String, Error> {
+pub(super) fn render(page: &impl Template) -> Result<String> {
     page.render().map_err(|_| Error::Defect("a page could not be written"))
 }
 
-pub(super) fn login(problem: Option<String>) -> Result<String, Error> {
+pub(super) fn login(problem: Option<String>) -> Result<String> {
     render(&Login { frame: PageFrame { has_token: false }, problem })
 }
 
-pub(super) fn problem(frame: PageFrame, title: &str, problem: &str) -> Result<String, Error> {
+pub(super) fn problem(frame: PageFrame, title: &str, problem: &str) -> Result<String> {
     render(&Problem { frame, title, problem })
 }
 
@@ -109,7 +109,7 @@ pub(super) fn id(name: &str) -> &str {
 
 /// The head of a page of a study, which is asked for by its id or as `ID@UID`. Everything else on the page is
 /// read by the id that the study has by now.
-async fn head(visitor: &Visitor<'_>, asked: &str, tab: &'static str) -> Result<(Head, v1::Study), Error> {
+async fn head(visitor: &Visitor<'_>, asked: &str, tab: &'static str) -> Result<(Head, v1::Study)> {
     let request = v1::GetStudyRequest { name: format!("studies/{asked}") };
     let study = rpc::studies::get(visitor.call(), request).await?;
     let counts = study.statistics.unwrap_or_default();
@@ -138,7 +138,7 @@ fn tag_links(tags: &[String]) -> Vec<(String, String)> {
 }
 
 /// The state that a field of an address asks for.
-fn asked_state(query: &Query, field: &str, states: i64) -> Result<Option<i64>, Error> {
+fn asked_state(query: &Query, field: &str, states: i64) -> Result<Option<i64>> {
     match query.number(field)? {
         Some(state) if state > states => Err(Error::invalid(
             field,
@@ -153,7 +153,7 @@ fn asked_axis<'a>(
     query: &Query,
     axis: &str,
     mut names: impl Iterator<Item = &'a str>,
-) -> Result<Option<usize>, Error> {
+) -> Result<Option<usize>> {
     let asked = query.text(axis);
     match names.position(|name| name == asked) {
         None if !asked.is_empty() => {
@@ -171,7 +171,7 @@ async fn read_trials(
     filter: &str,
     order: &str,
     most: usize,
-) -> Result<Vec<v1::Trial>, Error> {
+) -> Result<Vec<v1::Trial>> {
     let joint = if filter.is_empty() { "" } else { " AND " };
     let request = v1::QueryTrialsRequest {
         study: format!("studies/{id}"),
@@ -187,7 +187,7 @@ async fn read_all(
     visitor: &Visitor<'_>,
     mut request: v1::QueryTrialsRequest,
     most: usize,
-) -> Result<Vec<v1::Trial>, Error> {
+) -> Result<Vec<v1::Trial>> {
     let mut found = Vec::new();
     while found.len() < most {
         request.page_size = i32::try_from(most - found.len()).unwrap_or(i32::MAX).min(1000);

@@ -1,6 +1,6 @@
 //! The query of an address, in which a form is sent as well.
 
-use crate::error::Error;
+use crate::error::{Error, Result};
 
 #[derive(Debug, Default)]
 pub(super) struct Query(Vec<(String, String)>);
@@ -28,7 +28,7 @@ impl Query {
     }
 
     /// A whole number above 0; `None` where none is given.
-    pub(super) fn number(&self, name: &str) -> Result<Option<i64>, Error> {
+    pub(super) fn number(&self, name: &str) -> Result<Option<i64>> {
         let text = self.text(name);
         match text.parse() {
             _ if text.is_empty() => Ok(None),
@@ -41,7 +41,7 @@ impl Query {
     }
 
     /// The one of some words that is given, the first where none is.
-    pub(super) fn word<'a>(&self, name: &str, words: &[&'a str]) -> Result<&'a str, Error> {
+    pub(super) fn word<'a>(&self, name: &str, words: &[&'a str]) -> Result<&'a str> {
         let text = self.text(name);
         let found = words.iter().find(|word| text.is_empty() || **word == text);
         found.copied().ok_or_else(|| {
@@ -51,7 +51,7 @@ impl Query {
     }
 
     /// Checks that nothing is given but these names: a mistyped one would be passed over.
-    pub(super) fn only(&self, names: &[&str]) -> Result<(), Error> {
+    pub(super) fn only(&self, names: &[&str]) -> Result<()> {
         match self.0.iter().find(|(name, _)| !names.contains(&name.as_str())) {
             None => Ok(()),
             Some((name, _)) => {

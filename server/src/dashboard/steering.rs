@@ -14,7 +14,7 @@ use treewright_proto::v1;
 
 use super::query::Query;
 use super::{LOADING_WAITS, Visitor, is_loading, may_steer, pages};
-use crate::error::Error;
+use crate::error::{Error, Result};
 use crate::rpc;
 use treewright_store::StoreError;
 
@@ -47,7 +47,7 @@ impl FormRequest {
     }
 
     /// Sends it as its RPC, and returns the page that shows the change.
-    async fn send(&self, visitor: &Visitor<'_>) -> Result<String, Error> {
+    async fn send(&self, visitor: &Visitor<'_>) -> Result<String> {
         match self {
             Self::Study(request, page) => {
                 let study =
@@ -84,12 +84,7 @@ impl<'a> SteeringForm<'a> {
     }
 
     /// Does what a form asks for. The study is named by its id or as `ID@UID`.
-    pub(super) async fn steer(
-        &self,
-        visitor: &Visitor<'_>,
-        study: &str,
-        form: &Query,
-    ) -> Result<Steered, Error> {
+    pub(super) async fn steer(&self, visitor: &Visitor<'_>, study: &str, form: &Query) -> Result<Steered> {
         let change = match self {
             Self::Field => set_field(study, form)?,
             Self::Texts => texts(visitor, study, form).await?,
@@ -125,7 +120,7 @@ fn says_own(headers: &HeaderMap) -> Option<bool> {
 }
 
 /// Sets the field of the policy that a form names to its value, or back to its default where that is empty.
-fn set_field(study: &str, form: &Query) -> Result<FormChange, Error> {
+fn set_field(study: &str, form: &Query) -> Result<FormChange> {
     let (field, value) = (form.text("field"), form.text("value"));
     let command = ("policy", format!(" {}", flag(&field, &value)));
     let change = if value.is_empty() {
@@ -149,7 +144,7 @@ fn policy_change(
 }
 
 /// Sets the note and the tags of a study where somebody wrote others than the page had shown.
-async fn texts(visitor: &Visitor<'_>, study: &str, form: &Query) -> Result<FormChange, Error> {
+async fn texts(visitor: &Visitor<'_>, study: &str, form: &Query) -> Result<FormChange> {
     let name = format!("studies/{study}");
     let request = v1::GetStudyRequest { name: name.clone() };
     let stored = rpc::studies::get(visitor.call(), request).await?;
@@ -207,7 +202,7 @@ fn exclusion(study: &str, number: &str, reason: Option<String>) -> FormChange {
 
 /// Gives every client of the study the configuration of one of its trials. Both the trial and the policy are
 /// those of the study that the form names.
-async fn pin(visitor: &Visitor<'_>, study: &str, number: &str) -> Result<FormChange, Error> {
+async fn pin(visitor: &Visitor<'_>, study: &str, number: &str) -> Result<FormChange> {
     let request = v1::GetTrialRequest { name: format!("studies/{study}/trials/{number}") };
     let trial = rpc::trials::get(visitor.call(), request).await?;
     let mut words = Vec::new();
@@ -221,7 +216,7 @@ async fn pin(visitor: &Visitor<'_>, study: &str, number: &str) -> Result<FormCha
 }
 
 /// Changes the study. One that is being read into memory is waited for.
-async fn update(visitor: &Visitor<'_>, change: FormChange) -> Result<Steered, Error> {
+async fn update(visitor: &Visitor<'_>, change: FormChange) -> Result<Steered> {
     if !may_steer(visitor.caller) {
         return Err(Error::Denied("only a token of scope admin changes a study from its pages"));
     }

@@ -20,7 +20,7 @@ use treewright_proto::v1::{self as wire};
 use crate::access::caller::Caller;
 use crate::admission::Admission;
 use crate::connections::UnderWay;
-use crate::error::Error;
+use crate::error::{Error, Result};
 use crate::peers::Peers;
 use crate::peers::key::Counted;
 use crate::refusals::Refusals;
@@ -56,7 +56,7 @@ impl Service {
     }
 
     /// The sender of a request, from the middleware.
-    fn caller<Q>(&self, request: &Request<Q>) -> Result<Caller, Error> {
+    fn caller<Q>(&self, request: &Request<Q>) -> Result<Caller> {
         match request.extensions().get::<Caller>() {
             Some(caller) => Ok(caller.clone()),
             None if self.behind_middleware => {
@@ -69,7 +69,7 @@ impl Service {
     async fn answer<Q: Message, T>(
         &self,
         request: Request<Q>,
-        work: impl AsyncFnOnce(Call<'_>, Q) -> Result<T, Error>,
+        work: impl AsyncFnOnce(Call<'_>, Q) -> Result<T>,
     ) -> Result<Response<T>, Status> {
         let answer = async {
             let caller = self.caller(&request)?;

@@ -2,20 +2,20 @@
 
 use super::Call;
 use crate::convert::names::{self, StudyName, TrialName};
-use crate::error::Error;
+use crate::error::Result;
 
-pub(super) async fn study(call: Call<'_>, field: &str, name: &str) -> Result<StudyName, Error> {
+pub(super) async fn study(call: Call<'_>, field: &str, name: &str) -> Result<StudyName> {
     find(call, names::study(field, name)?).await
 }
 
-pub(super) async fn trial(call: Call<'_>, field: &str, name: &str) -> Result<TrialName, Error> {
+pub(super) async fn trial(call: Call<'_>, field: &str, name: &str) -> Result<TrialName> {
     let TrialName { study, number } = names::trial(field, name)?;
     Ok(TrialName { study: find(call, study).await?, number })
 }
 
 /// The study that a request names, under its present id, for which tokens are valid. A hidden study is denied
 /// with equal words whether it exists or not.
-pub(super) async fn find(call: Call<'_>, name: StudyName) -> Result<StudyName, Error> {
+pub(super) async fn find(call: Call<'_>, name: StudyName) -> Result<StudyName> {
     let (asked, uid) = (name.id.clone(), name.uid);
     match call.tuning.find(name).await {
         Ok(found) => {

@@ -11,13 +11,13 @@ use crate::convert::from_proto::{self, required};
 use crate::convert::policy_differences::policy_differences;
 use crate::convert::study_update::StudyUpdate;
 use crate::convert::{names, to_proto};
-use crate::error::Error;
+use crate::error::{Error, Result};
 use crate::limits::PAGE_BYTES;
 
 /// The question that a page token of ListStudies belongs to.
 const LIST_QUESTION: [&str; 1] = ["studies"];
 
-pub(super) async fn create(call: Call<'_>, request: wire::CreateStudyRequest) -> Result<wire::Study, Error> {
+pub(super) async fn create(call: Call<'_>, request: wire::CreateStudyRequest) -> Result<wire::Study> {
     let id = names::study_id("study_id", &request.study_id)?;
     call.caller.reach(&id)?;
     let study = request.study.ok_or_else(|| required("study"))?;
@@ -50,7 +50,7 @@ pub(super) async fn create(call: Call<'_>, request: wire::CreateStudyRequest) ->
     Ok(answer(&created.study, revision.unwrap_or_else(|_| created.study.earlier.revision())))
 }
 
-pub(crate) async fn get(call: Call<'_>, request: wire::GetStudyRequest) -> Result<wire::Study, Error> {
+pub(crate) async fn get(call: Call<'_>, request: wire::GetStudyRequest) -> Result<wire::Study> {
     let name = reach::study(call, "name", &request.name).await?;
     let found = call.tuning.get_study(&name.id).await?;
     call.tuning.is_still(&name).await?;
@@ -60,7 +60,7 @@ pub(crate) async fn get(call: Call<'_>, request: wire::GetStudyRequest) -> Resul
 pub(crate) async fn list(
     call: Call<'_>,
     request: wire::ListStudiesRequest,
-) -> Result<wire::ListStudiesResponse, Error> {
+) -> Result<wire::ListStudiesResponse> {
     let size = from_proto::page_size(request.page_size)?;
     let after = match request.page_token.as_str() {
         "" => None,
@@ -90,7 +90,7 @@ pub(crate) async fn list(
 }
 
 /// The next studies that the caller may know of.
-async fn visible(call: Call<'_>, mut after: Option<String>, size: u32) -> Result<Vec<StudyRecord>, Error> {
+async fn visible(call: Call<'_>, mut after: Option<String>, size: u32) -> Result<Vec<StudyRecord>> {
     let mut found = Vec::new();
     // Where most are hidden, small pages would mean many.
     let page = if call.caller.is_limited() { size.max(PAGE_SIZE_DEFAULT) } else { size };
@@ -107,7 +107,7 @@ async fn visible(call: Call<'_>, mut after: Option<String>, size: u32) -> Result
     }
 }
 
-pub(crate) async fn update(call: Call<'_>, request: wire::UpdateStudyRequest) -> Result<wire::Study, Error> {
+pub(crate) async fn update(call: Call<'_>, request: wire::UpdateStudyRequest) -> Result<wire::Study> {
     let study = request.study.ok_or_else(|| required("study"))?;
     let name = reach::study(call, "study.name", &study.name).await?;
     let update = StudyUpdate::read(study, request.update_mask)?;
@@ -115,7 +115,7 @@ pub(crate) async fn update(call: Call<'_>, request: wire::UpdateStudyRequest) ->
     Ok(to_proto::study(&record))
 }
 
-pub(super) async fn rename(call: Call<'_>, request: wire::RenameStudyRequest) -> Result<wire::Study, Error> {
+pub(super) async fn rename(call: Call<'_>, request: wire::RenameStudyRequest) -> Result<wire::Study> {
     let name = reach::study(call, "name", &request.name).await?;
     let to = names::study_id("study_id", &request.study_id)?;
     call.caller.reach(&to)?;
@@ -125,7 +125,7 @@ pub(super) async fn rename(call: Call<'_>, request: wire::RenameStudyRequest) ->
 pub(super) async fn change_space(
     call: Call<'_>,
     request: wire::ChangeSpaceRequest,
-) -> Result<wire::ChangeSpaceResponse, Error> {
+) -> Result<wire::ChangeSpaceResponse> {
     let name = reach::study(call, "name", &request.name).await?;
     let (record, effect) = call.tuning.change_space(&name, &from_proto::space_change(request)?).await?;
     Ok(wire::ChangeSpaceResponse {
@@ -136,7 +136,7 @@ pub(super) async fn change_space(
     })
 }
 
-pub(super) async fn delete(call: Call<'_>, request: wire::DeleteStudyRequest) -> Result<(), Error> {
+pub(super) async fn delete(call: Call<'_>, request: wire::DeleteStudyRequest) -> Result<()> {
     let name = reach::study(call, "name", &request.name).await?;
     call.tuning.delete_study(&name).await
 }

@@ -10,11 +10,11 @@ use treewright_store::{StudyRecord, TrialQuery};
 use super::{Call, reach};
 use crate::convert::names::StudyName;
 use crate::convert::{from_proto, to_proto};
-use crate::error::Error;
+use crate::error::{Error, Result};
 use crate::limits::PAGE_BYTES;
 use crate::tuning::Reported;
 
-pub(super) async fn suggest(call: Call<'_>, request: wire::SuggestRequest) -> Result<wire::Trial, Error> {
+pub(super) async fn suggest(call: Call<'_>, request: wire::SuggestRequest) -> Result<wire::Trial> {
     let reports_waiting = request.reports_waiting;
     let mut suggest = from_proto::suggest(request)?;
     suggest.study = reach::find(call, suggest.study).await?;
@@ -26,10 +26,7 @@ pub(super) async fn suggest(call: Call<'_>, request: wire::SuggestRequest) -> Re
     Ok(to_proto::trial(&study, &trial))
 }
 
-pub(super) async fn report(
-    call: Call<'_>,
-    request: wire::ReportRequest,
-) -> Result<wire::ReportResponse, Error> {
+pub(super) async fn report(call: Call<'_>, request: wire::ReportRequest) -> Result<wire::ReportResponse> {
     let mut report = from_proto::report(request)?;
     report.trial.study = reach::find(call, report.trial.study).await?;
     let study = report.trial.study.clone();
@@ -44,10 +41,7 @@ pub(super) fn reported(study: &StudyName, reported: &Reported) -> wire::ReportRe
     wire::ReportResponse { trial: Some(trial), duplicate }
 }
 
-pub(crate) async fn predict(
-    call: Call<'_>,
-    request: wire::PredictRequest,
-) -> Result<wire::PredictResponse, Error> {
+pub(crate) async fn predict(call: Call<'_>, request: wire::PredictRequest) -> Result<wire::PredictResponse> {
     let study = reach::study(call, "study", &request.study).await?;
     let fingerprint = request.fingerprint.map(fingerprint_from_wire).transpose()?;
     let (indicators, revision) = (&request.indicators, request.space_revision);
@@ -56,34 +50,25 @@ pub(crate) async fn predict(
     Ok(to_proto::prediction(&prediction))
 }
 
-pub(super) async fn abandon(
-    call: Call<'_>,
-    request: wire::AbandonTrialRequest,
-) -> Result<wire::Trial, Error> {
+pub(super) async fn abandon(call: Call<'_>, request: wire::AbandonTrialRequest) -> Result<wire::Trial> {
     let name = reach::trial(call, "trial", &request.trial).await?;
     Ok(to_proto::trial(&name.study, &call.tuning.abandon(&name).await?))
 }
 
-pub(super) async fn extend_lease(
-    call: Call<'_>,
-    request: wire::ExtendLeaseRequest,
-) -> Result<wire::Trial, Error> {
+pub(super) async fn extend_lease(call: Call<'_>, request: wire::ExtendLeaseRequest) -> Result<wire::Trial> {
     let name = reach::trial(call, "trial", &request.trial).await?;
     let trial = call.tuning.extend_lease(&name).await?;
     Ok(to_proto::trial(&name.study, &trial))
 }
 
-pub(crate) async fn exclude(
-    call: Call<'_>,
-    request: wire::ExcludeTrialRequest,
-) -> Result<wire::Trial, Error> {
+pub(crate) async fn exclude(call: Call<'_>, request: wire::ExcludeTrialRequest) -> Result<wire::Trial> {
     let name = reach::trial(call, "trial", &request.trial).await?;
     let reason = from_proto::exclusion(&request)?;
     let trial = call.tuning.exclude_trial(&name, reason).await?;
     Ok(to_proto::trial(&name.study, &trial))
 }
 
-pub(crate) async fn get(call: Call<'_>, request: wire::GetTrialRequest) -> Result<wire::Trial, Error> {
+pub(crate) async fn get(call: Call<'_>, request: wire::GetTrialRequest) -> Result<wire::Trial> {
     let name = reach::trial(call, "name", &request.name).await?;
     let trial = call.tuning.get_trial(&name).await?;
     Ok(to_proto::trial(&name.study, &trial))
@@ -92,7 +77,7 @@ pub(crate) async fn get(call: Call<'_>, request: wire::GetTrialRequest) -> Resul
 pub(crate) async fn query(
     call: Call<'_>,
     request: wire::QueryTrialsRequest,
-) -> Result<wire::QueryTrialsResponse, Error> {
+) -> Result<wire::QueryTrialsResponse> {
     let study = reach::study(call, "study", &request.study).await?;
     let filter = Filter::parse(&request.filter).map_err(|error| Error::invalid("filter", error))?;
     let order = Order::parse(&request.order_by).map_err(|error| Error::invalid("order_by", error))?;
@@ -135,7 +120,7 @@ pub(crate) async fn query(
     })
 }
 
-pub(crate) async fn best(call: Call<'_>, request: wire::GetBestRequest) -> Result<wire::Best, Error> {
+pub(crate) async fn best(call: Call<'_>, request: wire::GetBestRequest) -> Result<wire::Best> {
     let study = reach::study(call, "study", &request.study).await?;
     let indicators = Some(&request.indicators).filter(|given| !given.is_empty());
     let fingerprint = request.fingerprint.map(fingerprint_from_wire).transpose()?;

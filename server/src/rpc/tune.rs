@@ -19,7 +19,7 @@ use crate::admission::{Admission, Admitted};
 use crate::connections::UnderWay;
 use crate::convert::from_proto::{self, Report, Suggest};
 use crate::convert::to_proto;
-use crate::error::Error;
+use crate::error::{Error, Result};
 use crate::limits;
 use crate::redirect::Redirect;
 use crate::refusals::Refusals;
@@ -94,7 +94,7 @@ impl TuneStream {
         ReceiverStream::new(stream)
     }
 
-    fn split<T>(&self, result: Option<Result<T, Error>>) -> (Option<T>, Option<wire::TuneError>) {
+    fn split<T>(&self, result: Option<Result<T>>) -> (Option<T>, Option<wire::TuneError>) {
         match result {
             None => (None, None),
             Some(Ok(value)) => (Some(value), None),
@@ -109,13 +109,13 @@ impl TuneStream {
         Call { tuning: &self.tuning, caller: &self.caller }
     }
 
-    async fn report(&self, report: wire::ReportRequest) -> Result<Report, Error> {
+    async fn report(&self, report: wire::ReportRequest) -> Result<Report> {
         let mut report = from_proto::report(report)?;
         report.trial.study = reach::find(self.call(), report.trial.study).await?;
         Ok(report)
     }
 
-    async fn suggest(&self, suggest: wire::SuggestRequest) -> Result<(Suggest, Spent<'_>), Error> {
+    async fn suggest(&self, suggest: wire::SuggestRequest) -> Result<(Suggest, Spent<'_>)> {
         let mut suggest = from_proto::suggest(suggest)?;
         suggest.study = reach::find(self.call(), suggest.study).await?;
         Ok((suggest, self.caller.spend_trial()?))

@@ -14,7 +14,7 @@ use super::Tuning;
 use super::compute::compute_aside;
 use super::loading::Saved;
 use super::runtime::{Live, Runtime};
-use crate::error::Error;
+use crate::error::{Error, Result};
 use crate::limits;
 
 /// The knowledge to be saved, and the condition for it.
@@ -53,7 +53,7 @@ impl Tuning {
     }
 
     /// Waits until no checkpoint is being saved; none is until the permit is dropped.
-    pub(super) async fn pause_checkpoints(&self) -> Result<SemaphorePermit<'_>, Error> {
+    pub(super) async fn pause_checkpoints(&self) -> Result<SemaphorePermit<'_>> {
         self.saving.acquire().await.map_err(|_| Error::Defect("checkpoints are saved no more"))
     }
 
@@ -76,7 +76,7 @@ impl Tuning {
     }
 
     /// Saves a checkpoint, unless it is too large to be read again: the last one that can be read then stays.
-    async fn save(&self, due: DueCheckpoint, runtime: &Arc<Runtime>) -> Result<Option<Saved>, Error> {
+    async fn save(&self, due: DueCheckpoint, runtime: &Arc<Runtime>) -> Result<Option<Saved>> {
         let DueCheckpoint { learnt, fence, before } = due;
         let checkpoint = match compute_aside(move || learnt.checkpoint()).await? {
             Ok(checkpoint) => checkpoint,

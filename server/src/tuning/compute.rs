@@ -4,22 +4,18 @@ use std::sync::OnceLock;
 
 use tokio::runtime::{Builder, Handle, Runtime, RuntimeFlavor};
 
-use crate::error::Error;
+use crate::error::{Error, Result};
 use crate::limits::COMPUTING_NICENESS;
 
 /// Runs learning and packing in another thread, so that other studies go on. A runtime of one thread runs
 /// them itself, because simulated time must not depend on the speed of another thread.
-pub(super) async fn compute<T: Send + 'static>(
-    work: impl FnOnce() -> T + Send + 'static,
-) -> Result<T, Error> {
+pub(super) async fn compute<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'static) -> Result<T> {
     compute_on(&Handle::current(), work).await
 }
 
 /// Computes with a smaller share of busy processors: for fits and plans, without which an answer is worse but
 /// not later. Otherwise many exploring clients would slow down all answers.
-pub(super) async fn compute_aside<T: Send + 'static>(
-    work: impl FnOnce() -> T + Send + 'static,
-) -> Result<T, Error> {
+pub(super) async fn compute_aside<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'static) -> Result<T> {
     /// Never dropped: its threads end with the process. `None` where the system refuses it.
     static ASIDE: OnceLock<Option<Runtime>> = OnceLock::new();
     let aside =
@@ -33,7 +29,7 @@ pub(super) async fn compute_aside<T: Send + 'static>(
 async fn compute_on<T: Send + 'static>(
     threads: &Handle,
     work: impl FnOnce() -> T + Send + 'static,
-) -> Result<T, Error> {
+) -> Result<T> {
     match Handle::current().runtime_flavor() {
         RuntimeFlavor::CurrentThread => Ok(work()),
         _ => threads

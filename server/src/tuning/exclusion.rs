@@ -9,12 +9,12 @@ use treewright_store::Store;
 
 use super::{Live, Tuning};
 use crate::convert::names::TrialName;
-use crate::error::Error;
+use crate::error::{Error, Result};
 
 impl Tuning {
     /// Excludes a completed trial for a reason, or counts it again without one, and returns it. No checkpoint
     /// is saved meanwhile: one from before the change would bring the trial back.
-    pub async fn exclude_trial(&self, name: &TrialName, reason: Option<&str>) -> Result<RawTrial, Error> {
+    pub async fn exclude_trial(&self, name: &TrialName, reason: Option<&str>) -> Result<RawTrial> {
         let _alone = self.pause_checkpoints().await?;
         let mark = self
             .with_tuner(&name.study.id, |live, store, _| {

@@ -8,7 +8,7 @@ use super::loading::misfit;
 use super::planning::{Preparation, Prepared};
 use super::{Live, Tuning};
 use crate::convert::from_proto::{Report, Suggest};
-use crate::error::Error;
+use crate::error::{Error, Result};
 use crate::redirect::Redirect;
 
 /// A report that was taken now or before.
@@ -23,9 +23,9 @@ pub enum Reported {
 /// The answers to the requested parts of a frame.
 pub struct FrameAnswer {
     /// To the report.
-    pub reported: Option<Result<Reported, Error>>,
+    pub reported: Option<Result<Reported>>,
     /// To the suggestion.
-    pub suggested: Option<Result<Trial, Error>>,
+    pub suggested: Option<Result<Trial>>,
 }
 
 impl FrameAnswer {
@@ -48,12 +48,12 @@ enum ReportOutcome {
 
 impl Tuning {
     /// Hands out the next trial.
-    pub async fn suggest(&self, suggest: Suggest) -> Result<Trial, Error> {
+    pub async fn suggest(&self, suggest: Suggest) -> Result<Trial> {
         self.suggest_after(suggest, None).await
     }
 
     /// Answers a suggestion, with a preparation that is known to be needed, if any.
-    async fn suggest_after(&self, suggest: Suggest, begun: Option<Preparation>) -> Result<Trial, Error> {
+    async fn suggest_after(&self, suggest: Suggest, begun: Option<Preparation>) -> Result<Trial> {
         let (trial, receipt) = self
             .with_plan(&suggest.study.id, begun, |live, store, prepared, now_ms| {
                 // The name may have gone to another study meanwhile.
@@ -72,7 +72,7 @@ impl Tuning {
     }
 
     /// Takes a result.
-    pub async fn report(&self, report: Report) -> Result<Reported, Error> {
+    pub async fn report(&self, report: Report) -> Result<Reported> {
         let answer = self
             .with_tuner(&report.trial.study.id, |live, store, now_ms| {
                 let outcome = take(live, &report, now_ms);
@@ -106,7 +106,7 @@ impl Tuning {
         /// the models were deferred.
         type Joint = (Box<Trial>, Result<Result<Trial, TunerError>, Preparation>, Receipt, bool);
         let study = suggest.study.id.clone();
-        let computed: Result<Option<Joint>, Error> = self
+        let computed: Result<Option<Joint>> = self
             .with_tuner(&study, |live, store, now_ms| {
                 live.is_meant(&suggest.study).ok()?;
                 let ReportOutcome::Now(completed, change) = take(live, &report, now_ms) else {
@@ -153,7 +153,7 @@ impl Tuning {
         }
     }
 
-    async fn reported(&self, report: Report, answer: Queued) -> Result<Reported, Error> {
+    async fn reported(&self, report: Report, answer: Queued) -> Result<Reported> {
         let (completed, receipt, deferred) = match answer {
             Queued::Taken(taken) => taken,
             Queued::Refused(error) => return Err(error),
@@ -167,11 +167,7 @@ impl Tuning {
     }
 
     /// Takes a result for a trial that is not open; an error inside is a trial that was reported before.
-    async fn report_closed(
-        &self,
-        report: &Report,
-        mark: ClosedMark,
-    ) -> Result<Result<Taken, Box<RawTrial>>, Error> {
+    async fn report_closed(&self, report: &Report, mark: ClosedMark) -> Result<Result<Taken, Box<RawTrial>>> {
         let known = |stored: &RawTrial| match stored.state {
             // The client that reports must not believe that it is stored.
             _ if Tuner::gave_up(stored) => Err(Error::from(TunerError::GivenUp(stored.number))),
@@ -267,7 +263,7 @@ impl Live {
     /// Checks a closed trial that comes from the store. A trial that is open there, or that this copy of the
     /// study never handed out, shows that another replica holds the study now. The copy is then dropped, and
     /// the next request loads a fresh one.
-    pub(super) fn check(&self, trial: RawTrial) -> Result<Trial, Error> {
+    pub(super) fn check(&self, trial: RawTrial) -> Result<Trial> {
         if trial.state == TrialState::Open || trial.number > self.tuner.statistics().trials {
             self.fence().break_up();
             let study = self.fence().study().to_owned();

@@ -11,7 +11,7 @@ use treewright_core::tuner::{RestoreError, Restoring, Tuner};
 use treewright_store::{Fence, Loaded, Store, StoreError};
 
 use super::compute::compute;
-use crate::error::Error;
+use crate::error::{Error, Result};
 use crate::limits;
 
 /// The last checkpoint of a study: its coverage and its length.
@@ -53,14 +53,14 @@ pub(super) struct Read {
 }
 
 /// Loads a study. Breaks earlier fences of it.
-pub(super) async fn load(store: &dyn Store, study: &str, now_ms: i64) -> Result<Read, Error> {
+pub(super) async fn load(store: &dyn Store, study: &str, now_ms: i64) -> Result<Read> {
     let loaded = store.load(study).await?;
     read(store, loaded, now_ms).await
 }
 
 /// Reads the knowledge of a loaded study. Another daemon may take the study meanwhile. The copy then keeps
 /// its state at loading, and its fence has broken or the store will refuse its changes.
-async fn read(store: &dyn Store, loaded: Loaded, now_ms: i64) -> Result<Read, Error> {
+async fn read(store: &dyn Store, loaded: Loaded, now_ms: i64) -> Result<Read> {
     let Loaded { fence, study: record, snapshot, mut open_trials, checkpoint } = loaded;
     let study = fence.study().to_owned();
     debug_assert!(
@@ -126,7 +126,7 @@ pub(super) fn adopt(
     trials: Vec<RawTrial>,
     space: &Space,
     earlier: &EarlierSpaces,
-) -> Result<Vec<Adopted>, Error> {
+) -> Result<Vec<Adopted>> {
     let adopt = |trial: RawTrial| {
         let completion = trial.completion.unwrap_or(0);
         trial.adopt(earlier, space).map(|adopted| (completion, adopted)).map_err(|error| misfit(study, error))

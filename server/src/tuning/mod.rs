@@ -32,7 +32,7 @@ use treewright_core::limits::CHECKPOINT_TRIALS_MIN;
 use treewright_store::Store;
 
 use crate::clock::Clock;
-use crate::error::Error;
+use crate::error::{Error, Result};
 use crate::limits;
 use crate::metrics::Metrics;
 use presence::Presence;
@@ -114,7 +114,7 @@ impl Tuning {
         &self,
         study: &str,
         compute: impl FnOnce(&mut Live, &dyn Store, i64) -> T + Send,
-    ) -> Result<T, Error> {
+    ) -> Result<T> {
         let (runtime, store) = (self.runtime(study), self.store());
         let computed = runtime
             .with(|live| {

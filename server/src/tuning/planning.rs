@@ -16,7 +16,7 @@ use treewright_store::{Fence, Receipt, Store, StoreError};
 use super::Tuning;
 use super::compute::compute_aside;
 use super::runtime::{Live, Runtime};
-use crate::error::Error;
+use crate::error::Result;
 use crate::limits::PLANNING_WAIT;
 
 /// Permits for plans that are computed at once: one for each processor.
@@ -62,7 +62,7 @@ impl Tuning {
         study: &str,
         begun: Option<Preparation>,
         mut step: impl FnMut(&mut Live, &dyn Store, Prepared, i64) -> Result<T, Preparation> + Send,
-    ) -> Result<T, Error> {
+    ) -> Result<T> {
         let (mut preparation, mut plan, mut is_updated) = (begun, None, false);
         loop {
             match preparation.take() {
@@ -99,7 +99,7 @@ impl Tuning {
     }
 
     /// Computes a plan; an empty one where there is no processor for it in time.
-    async fn compute_plan(&self, request: PlanRequest) -> Result<SuggestionPlan, Error> {
+    async fn compute_plan(&self, request: PlanRequest) -> Result<SuggestionPlan> {
         let Some(permit) = self.planning_permit().await else {
             self.metrics().not_planned();
             return Ok(SuggestionPlan::default());

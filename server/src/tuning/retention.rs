@@ -17,7 +17,7 @@ use treewright_store::{ClosedTrial, Fence};
 use super::Tuning;
 use super::compute::compute_aside;
 use super::runtime::Live;
-use crate::error::Error;
+use crate::error::Result;
 use crate::limits::{TRIALS_PER_READ, TRIALS_PER_REMOVAL};
 
 struct DueRemoval {
@@ -81,7 +81,7 @@ impl Tuning {
     }
 
     /// The numbers of removed trials, and of checked trials that stay.
-    async fn thin(&self, due: DueRemoval) -> Result<(u64, u64), Error> {
+    async fn thin(&self, due: DueRemoval) -> Result<(u64, u64)> {
         let DueRemoval { learnt, fence, number, completion } = due;
         let measured_by = compute_aside(move || learnt.measured_by()).await?;
         let may_go = |trial: &ClosedTrial| {

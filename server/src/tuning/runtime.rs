@@ -24,7 +24,7 @@ use super::loading::{self, Identity, Read, Saved};
 use super::planned_searches::PlannedSearches;
 use super::presence::back_since;
 use crate::convert::names::{StudyName, TrialName};
-use crate::error::Error;
+use crate::error::{Error, Result};
 use crate::limits::LOADING_WAIT;
 use crate::metrics::{FrameCounts, Metrics};
 
@@ -52,12 +52,12 @@ struct Loading {
 #[derive(Default)]
 struct Ending {
     /// `None` where the load panicked or was given up.
-    result: OnceLock<Option<Result<(), Error>>>,
+    result: OnceLock<Option<Result<()>>>,
     wake: Notify,
 }
 
 impl Ending {
-    async fn wait(&self) -> Option<Result<(), Error>> {
+    async fn wait(&self) -> Option<Result<()>> {
         let mut woken = pin!(self.wake.notified());
         woken.as_mut().enable();
         if self.result.get().is_none() {
@@ -66,7 +66,7 @@ impl Ending {
         self.result.get().cloned().flatten()
     }
 
-    fn end(&self, result: Option<Result<(), Error>>) {
+    fn end(&self, result: Option<Result<()>>) {
         // Only the first end counts.
         let _ = self.result.set(result);
         self.wake.notify_waiters();
@@ -157,7 +157,7 @@ impl Live {
 
     /// Checks that a request means this study and one of its trials. A request without the study's identity
     /// may come from a client of an earlier study of that name.
-    pub(super) fn knows(&self, name: &TrialName) -> Result<(), Error> {
+    pub(super) fn knows(&self, name: &TrialName) -> Result<()> {
         let study = &name.study;
         self.is_meant(study)?;
         if study.uid.is_none() && name.number <= self.identity.named_after {
@@ -167,7 +167,7 @@ impl Live {
     }
 
     /// Checks that a request that gives an identity means this study.
-    pub(super) fn is_meant(&self, study: &StudyName) -> Result<(), Error> {
+    pub(super) fn is_meant(&self, study: &StudyName) -> Result<()> {
         match study.uid {
             Some(uid) if uid != self.identity.uid => Err(Error::Replaced(study.id.clone())),
             _ => Ok(()),
@@ -187,10 +187,7 @@ impl Runtime {
     }
 
     /// Computes on the tuner, and loads it first if needed.
-    pub(super) async fn with<T>(
-        self: &Arc<Self>,
-        compute: impl FnOnce(&mut Live) -> T + Send,
-    ) -> Result<T, Error> {
+    pub(super) async fn with<T>(self: &Arc<Self>, compute: impl FnOnce(&mut Live) -> T + Send) -> Result<T> {
         for _ in 0..LOADS_PER_REQUEST {
             if let Some(live) = current(&mut self.lock()) {
                 return Ok(compute(live));

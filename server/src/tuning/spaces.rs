@@ -23,7 +23,7 @@ use super::planning::{Preparation, Prepared};
 use super::{Live, Tuning};
 use crate::convert::from_proto::{SpaceChange, Suggest};
 use crate::convert::names::StudyName;
-use crate::error::Error;
+use crate::error::{Error, Result};
 use crate::limits;
 
 /// The effect of a change on the trials of before.
@@ -52,7 +52,7 @@ impl Tuning {
         &self,
         study: &StudyName,
         change: &SpaceChange,
-    ) -> Result<(StudyRecord, SpaceEffect), Error> {
+    ) -> Result<(StudyRecord, SpaceEffect)> {
         let (fence, changed) = self
             .with_tuner(&study.id, |live, _, _| {
                 live.is_meant(study)?;
@@ -71,7 +71,7 @@ impl Tuning {
     }
 
     /// Counts the trials that a change keeps.
-    async fn effect(&self, fence: &Fence, changed: ChangedStudy) -> Result<SpaceEffect, Error> {
+    async fn effect(&self, fence: &Fence, changed: ChangedStudy) -> Result<SpaceEffect> {
         let mut effect = SpaceEffect { given_back: changed.outside.len() as u64, ..SpaceEffect::default() };
         let spaces = Arc::new((changed.spec.space, changed.earlier));
         let mut after = 0;
@@ -92,7 +92,7 @@ impl Tuning {
 
     /// Stores a change, unless it was stored meanwhile. No checkpoint is saved meanwhile: one from before the
     /// change could be taken for one of its space after a further change.
-    async fn store_change(&self, study: &StudyName, change: &SpaceChange) -> Result<(), Error> {
+    async fn store_change(&self, study: &StudyName, change: &SpaceChange) -> Result<()> {
         let _alone = self.pause_checkpoints().await?;
         let receipts = self
             .with_tuner(&study.id, |live, store, _| {
@@ -121,7 +121,7 @@ impl Tuning {
 }
 
 impl Live {
-    fn changed(&self, change: &SpaceChange) -> Result<ChangedStudy, Error> {
+    fn changed(&self, change: &SpaceChange) -> Result<ChangedStudy> {
         let (spec, present) = (self.tuner.spec(), self.earlier.revision());
         let is_there = spec.space == change.space;
         if is_there && (change.revision == present || change.revision.checked_add(1) == Some(present)) {

@@ -8,11 +8,11 @@ use treewright_store::{Created, StoreError, StudyRecord};
 use super::Tuning;
 use crate::convert::names::StudyName;
 use crate::convert::study_update::StudyUpdate;
-use crate::error::Error;
+use crate::error::{Error, Result};
 
 impl Tuning {
     /// Creates a study, or finds an equal one.
-    pub async fn create_study(&self, id: &str, spec: &StudySpec) -> Result<Created, Error> {
+    pub async fn create_study(&self, id: &str, spec: &StudySpec) -> Result<Created> {
         let created = self.store().create_study(id, spec, self.now_ms()).await?;
         assert_eq!(created.study.id, id, "another study was created");
         if created.is_new {
@@ -31,7 +31,7 @@ impl Tuning {
     ///
     /// # Errors
     /// [`Error::Replaced`] where the id is that of another study, and when the store cannot be read.
-    pub async fn find(&self, name: StudyName) -> Result<StudyName, Error> {
+    pub async fn find(&self, name: StudyName) -> Result<StudyName> {
         let Some(uid) = name.uid else {
             return Ok(name);
         };
@@ -52,7 +52,7 @@ impl Tuning {
     ///
     /// # Errors
     /// Those of [`find`](Self::find); [`Error::Reloading`] where it has another id now.
-    pub async fn is_still(&self, study: &StudyName) -> Result<(), Error> {
+    pub async fn is_still(&self, study: &StudyName) -> Result<()> {
         match self.find(study.clone()).await? {
             found if found == *study => Ok(()),
             found => Err(Error::Reloading(found.id)),
@@ -60,7 +60,7 @@ impl Tuning {
     }
 
     /// Gives a study another id.
-    pub async fn rename_study(&self, study: &StudyName, to: &str) -> Result<StudyRecord, Error> {
+    pub async fn rename_study(&self, study: &StudyName, to: &str) -> Result<StudyRecord> {
         let renamed = self.store().rename_study(&study.id, study.uid, to).await?;
         assert_eq!(renamed.id, to, "{study} has got another name");
         self.forget(&study.id);
@@ -69,19 +69,19 @@ impl Tuning {
     }
 
     /// Reads a study.
-    pub async fn get_study(&self, study: &str) -> Result<StudyRecord, Error> {
+    pub async fn get_study(&self, study: &str) -> Result<StudyRecord> {
         let record = self.store().get_study(study).await?;
         assert_eq!(record.id, study, "another study was read");
         Ok(record)
     }
 
     /// Reads studies by rising id, behind `after`.
-    pub async fn list_studies(&self, after: Option<&str>, size: u32) -> Result<Vec<StudyRecord>, Error> {
+    pub async fn list_studies(&self, after: Option<&str>, size: u32) -> Result<Vec<StudyRecord>> {
         Ok(self.store().list_studies(after, size).await?)
     }
 
     /// Changes a study's policy, which holds from the next suggestion on, and its texts for people.
-    pub async fn update_study(&self, study: &StudyName, update: &StudyUpdate) -> Result<StudyRecord, Error> {
+    pub async fn update_study(&self, study: &StudyName, update: &StudyUpdate) -> Result<StudyRecord> {
         let receipt = self
             .with_tuner(&study.id, |live, store, _| {
                 // The name may have gone to another study meanwhile.
@@ -102,7 +102,7 @@ impl Tuning {
     }
 
     /// Deletes a study with all its data.
-    pub async fn delete_study(&self, study: &StudyName) -> Result<(), Error> {
+    pub async fn delete_study(&self, study: &StudyName) -> Result<()> {
         self.store().delete_study(&study.id, study.uid).await?;
         self.forget(&study.id);
         tracing::info!(study = study.id, "study deleted");
@@ -114,7 +114,7 @@ impl Tuning {
     ///
     /// # Errors
     /// The first error that does not pass by itself; the other studies are still swept.
-    pub async fn sweep_leases(&self) -> Result<(), Error> {
+    pub async fn sweep_leases(&self) -> Result<()> {
         self.sweep().await?.into_values().next().map_or(Ok(()), Err)
     }
 
@@ -122,7 +122,7 @@ impl Tuning {
     ///
     /// # Errors
     /// When the store does not list the leases that have run out.
-    pub async fn sweep(&self) -> Result<BTreeMap<String, Error>, Error> {
+    pub async fn sweep(&self) -> Result<BTreeMap<String, Error>> {
         let now_ms = self.now_ms();
         let due = self.store().studies_with_due_leases(now_ms).await?;
         self.environment.presence.swept(now_ms);

@@ -10,14 +10,14 @@ use treewright_store::{Receipt, Store, TrialPage, TrialQuery};
 use super::frames::ClosedMark;
 use super::{Live, Tuning};
 use crate::convert::names::{StudyName, TrialName};
-use crate::error::Error;
+use crate::error::{Error, Result};
 
 /// The number of reads of a closed trial while other requests change closed trials.
 const TRIES: usize = 8;
 
 impl Tuning {
     /// Takes a trial back unmeasured.
-    pub async fn abandon(&self, name: &TrialName) -> Result<Trial, Error> {
+    pub async fn abandon(&self, name: &TrialName) -> Result<Trial> {
         let (trial, receipt) = match self.change_open(name, |tuner, open, _| tuner.abandon(open)).await? {
             Ok(abandoned) => abandoned,
             Err(mark) => {
@@ -35,7 +35,7 @@ impl Tuning {
     }
 
     /// Renews a lease.
-    pub async fn extend_lease(&self, name: &TrialName) -> Result<Trial, Error> {
+    pub async fn extend_lease(&self, name: &TrialName) -> Result<Trial> {
         let extended = self.change_open(name, |tuner, open, now_ms| tuner.extend_lease(open, now_ms));
         match extended.await? {
             Ok((trial, receipt)) => {
@@ -55,7 +55,7 @@ impl Tuning {
         &self,
         name: &TrialName,
         change: impl FnOnce(&mut Tuner, &Trial, i64) -> Result<(Trial, Change), TunerError> + Send,
-    ) -> Result<Result<(Trial, Receipt), ClosedMark>, Error> {
+    ) -> Result<Result<(Trial, Receipt), ClosedMark>> {
         self.with_tuner(&name.study.id, |live, store, now_ms| {
             live.knows(name)?;
             let Some(open) = live.tuner.open_trial(name.number).cloned() else {
@@ -73,9 +73,9 @@ impl Tuning {
         &self,
         name: &TrialName,
         mut mark: ClosedMark,
-        known: impl Fn(&RawTrial) -> Result<Option<T>, Error> + Send,
-        mut change: impl FnMut(&mut Live, &dyn Store, RawTrial, i64) -> Result<T, Error> + Send,
-    ) -> Result<T, Error> {
+        known: impl Fn(&RawTrial) -> Result<Option<T>> + Send,
+        mut change: impl FnMut(&mut Live, &dyn Store, RawTrial, i64) -> Result<T> + Send,
+    ) -> Result<T> {
         for _ in 0..TRIES {
             let ClosedMark { receipt, fence, closed_changes } = mark;
             let stored = self.closed_trial(name, receipt).await?;
@@ -103,7 +103,7 @@ impl Tuning {
     /// Reads a trial that is not open, once all earlier writes are stored. The name may have gone to another
     /// study before the read, and another replica may have had the study meanwhile. So both are checked after
     /// the read.
-    pub(super) async fn closed_trial(&self, name: &TrialName, before: Receipt) -> Result<RawTrial, Error> {
+    pub(super) async fn closed_trial(&self, name: &TrialName, before: Receipt) -> Result<RawTrial> {
         self.metrics().durable(before).await?;
         let stored = self.get_trial(name).await;
         let still_here = self
@@ -117,7 +117,7 @@ impl Tuning {
     }
 
     /// Reads a trial.
-    pub async fn get_trial(&self, name: &TrialName) -> Result<RawTrial, Error> {
+    pub async fn get_trial(&self, name: &TrialName) -> Result<RawTrial> {
         let trial = self.store().get_trial(&name.study.id, name.number).await?;
         assert_eq!(trial.number, name.number, "another trial was read");
         self.is_still(&name.study).await?;
@@ -125,7 +125,7 @@ impl Tuning {
     }
 
     /// Reads a page of trials.
-    pub async fn query_trials(&self, study: &StudyName, query: &TrialQuery) -> Result<TrialPage, Error> {
+    pub async fn query_trials(&self, study: &StudyName, query: &TrialQuery) -> Result<TrialPage> {
         let page = self.store().query_trials(&study.id, query).await?;
         self.is_still(study).await?;
         Ok(page)
@@ -140,7 +140,7 @@ impl Tuning {
         fingerprint: Option<&Fingerprint>,
         start: Option<&RawConfiguration>,
         space_revision: u32,
-    ) -> Result<Prediction, Error> {
+    ) -> Result<Prediction> {
         self.with_plan(&study.id, None, |live, _, prepared, _| {
             if let Err(another) = live.is_meant(study) {
                 return Ok(Err(another));
@@ -171,7 +171,7 @@ impl Tuning {
         fingerprint: Option<&Fingerprint>,
         start: Option<&RawConfiguration>,
         space_revision: u32,
-    ) -> Result<(Best, bool), Error> {
+    ) -> Result<(Best, bool)> {
         let (best, receipt) = self
             .with_plan(&study.id, None, |live, store, prepared, _| {
                 if let Err(another) = live.is_meant(study) {

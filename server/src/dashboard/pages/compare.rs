@@ -10,7 +10,7 @@ use super::super::{Query, Visitor, benefit};
 use super::standing::{StateStands, benefits, read_state};
 use super::summaries::mean_gain;
 use super::{PageFrame, TRIALS, head, read_trials, render};
-use crate::error::Error;
+use crate::error::Result;
 
 /// Most studies at once.
 const STUDIES: usize = 5;
@@ -40,7 +40,7 @@ struct Row {
     shared: String,
 }
 
-pub(in super::super) async fn compare(visitor: &Visitor<'_>, query: &Query) -> Result<String, Error> {
+pub(in super::super) async fn compare(visitor: &Visitor<'_>, query: &Query) -> Result<String> {
     query.only(&["study"])?;
     let mut ids = query.texts("study");
     ids.sort_unstable();

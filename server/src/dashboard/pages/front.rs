@@ -12,7 +12,7 @@ use treewright_proto::v1;
 use super::super::charts::{self, figure};
 use super::super::{Query, Visitor};
 use super::{Head, PageFrame, asked_state, head, machine, read_all, render};
-use crate::error::Error;
+use crate::error::{Error, Result};
 
 /// Most trials that are read, the latest: a run of a front is stored once for each of its directions.
 const TRIALS: usize = 5000;
@@ -39,7 +39,7 @@ struct FrontRow {
     values: Vec<(String, String)>,
 }
 
-pub(in super::super) async fn front(visitor: &Visitor<'_>, id: &str, query: &Query) -> Result<String, Error> {
+pub(in super::super) async fn front(visitor: &Visitor<'_>, id: &str, query: &Query) -> Result<String> {
     let (head, _) = head(visitor, id, "front").await?;
     query.only(&["metrics", "state"])?;
     let metrics = query.text("metrics");
@@ -111,7 +111,7 @@ fn values(point: &FrontPoint, metric: &str) -> (String, String) {
 }
 
 /// The front that an address asks for.
-fn asked_front(text: &str) -> Result<Front, Error> {
+fn asked_front(text: &str) -> Result<Front> {
     let metrics: Vec<&str> = text.split(',').collect();
     Front::new(&metrics).map_err(|problem| Error::invalid("metrics", problem.to_string()))
 }
@@ -130,7 +130,7 @@ async fn comparable(
     head: &Head,
     spec: &StudySpec,
     state: Option<i64>,
-) -> Result<(Vec<v1::Trial>, String), Error> {
+) -> Result<(Vec<v1::Trial>, String)> {
     let has_inputs = spec.indicators.indicators().iter().any(|one| one.name != Front::DIRECTION);
     let of_state = |state: i64| format!(" AND state_id = {state}");
     let Some(chosen) = newest(visitor, head, &state.map(of_state).unwrap_or_default(), 1).await?.pop() else {
@@ -150,12 +150,7 @@ async fn comparable(
 }
 
 /// The latest trials that succeeded and for which a filter holds, in the present space.
-async fn newest(
-    visitor: &Visitor<'_>,
-    head: &Head,
-    filter: &str,
-    most: usize,
-) -> Result<Vec<v1::Trial>, Error> {
+async fn newest(visitor: &Visitor<'_>, head: &Head, filter: &str, most: usize) -> Result<Vec<v1::Trial>> {
     let request = v1::QueryTrialsRequest {
         study: format!("studies/{}", head.id),
         filter: format!("outcome = OK AND excluded = false{filter}"),

@@ -11,7 +11,7 @@ use super::super::charts::{self, Axis, Place, figure};
 use super::super::{Query, Visitor, stats};
 use super::standing::{StateStands, read_state};
 use super::{Head, PageFrame, asked_axis, head, render};
-use crate::error::Error;
+use crate::error::{Error, Result};
 
 /// Most states on a map.
 const STATES: i64 = 120;
@@ -45,7 +45,7 @@ enum Shown {
 impl Shown {
     /// Reads what an address asks for: `gain`, `cost` or `config.NAME`, whatever metrics and parameters are
     /// called. A plain name is a parameter, or the metric that is maximised; nothing is the gain.
-    fn read(asked: &str, parameters: &[Parameter], view: &CostView) -> Result<Self, Error> {
+    fn read(asked: &str, parameters: &[Parameter], view: &CostView) -> Result<Self> {
         let named = |name: &str| parameters.iter().position(|parameter| parameter.name == name);
         match asked {
             "" | "gain" => return Ok(Self::Gain),
@@ -63,7 +63,7 @@ impl Shown {
     }
 }
 
-pub(in super::super) async fn map(visitor: &Visitor<'_>, id: &str, query: &Query) -> Result<String, Error> {
+pub(in super::super) async fn map(visitor: &Visitor<'_>, id: &str, query: &Query) -> Result<String> {
     let (head, study) = head(visitor, id, "map").await?;
     query.only(&["x", "y", "show"])?;
     let id = super::id(&study.name);

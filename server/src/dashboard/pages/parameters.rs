@@ -9,7 +9,7 @@ use treewright_proto::v1;
 use super::super::stats::{self, Run};
 use super::super::{Query, Visitor, charts};
 use super::{Head, PageFrame, TRIALS, asked_axis, asked_state, head, read_trials, render};
-use crate::error::Error;
+use crate::error::Result;
 
 /// Most parameters in pictures: the most important.
 const PARAMETERS: usize = 12;
@@ -34,11 +34,7 @@ struct Page {
     leaf_sizes: String,
 }
 
-pub(in super::super) async fn parameters(
-    visitor: &Visitor<'_>,
-    id: &str,
-    query: &Query,
-) -> Result<String, Error> {
+pub(in super::super) async fn parameters(visitor: &Visitor<'_>, id: &str, query: &Query) -> Result<String> {
     let (mut head, study) = head(visitor, id, "parameters").await?;
     query.only(&["state", "x", "y"])?;
     let id = super::id(&study.name);
@@ -127,7 +123,7 @@ fn slice(parameter: &Parameter, index: usize, runs: &[Run], view: &CostView) -> 
 
 /// The axes of the contour: the requested ones, else the two that explain most; `None` with a single
 /// parameter.
-fn contour_axes(all: &[Parameter], shown: &[usize], query: &Query) -> Result<Option<(usize, usize)>, Error> {
+fn contour_axes(all: &[Parameter], shown: &[usize], query: &Query) -> Result<Option<(usize, usize)>> {
     let names = || all.iter().map(|parameter| parameter.name.as_str());
     let axes = (asked_axis(query, "x", names())?, asked_axis(query, "y", names())?, shown);
     Ok(match axes {

@@ -11,7 +11,7 @@ use treewright_store::StoreError;
 use super::super::benefit::{Benefit, DAY_S, DefaultCost};
 use super::super::{LOADING_WAITS, Visitor, is_loading};
 use super::{read_trials, seconds};
-use crate::error::Error;
+use crate::error::{Error, Result};
 use crate::rpc;
 
 /// A state with one of its trials, and what is best there as that trial's machine sees it.
@@ -35,11 +35,7 @@ impl StateStands {
 }
 
 /// Reads a state; `None` where no visible state has that number.
-pub(super) async fn read_state(
-    visitor: &Visitor<'_>,
-    id: &str,
-    state: i64,
-) -> Result<Option<StateStands>, Error> {
+pub(super) async fn read_state(visitor: &Visitor<'_>, id: &str, state: i64) -> Result<Option<StateStands>> {
     let filter = format!("state_id = {state}");
     let Some(trial) = read_trials(visitor, id, &filter, "", 1).await?.pop() else { return Ok(None) };
     let request = v1::GetBestRequest {
@@ -59,7 +55,7 @@ pub(super) async fn read_state(
 async fn read_best(
     visitor: &Visitor<'_>,
     request: v1::GetBestRequest,
-) -> Result<(Option<v1::Best>, Option<String>), Error> {
+) -> Result<(Option<v1::Best>, Option<String>)> {
     let mut waits = 0;
     loop {
         match rpc::trials::best(visitor.call(), request.clone()).await {

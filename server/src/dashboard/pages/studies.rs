@@ -14,7 +14,7 @@ use super::others::{OtherDaemon, OtherDaemons};
 use super::summaries::{STATES, StudySummary, Summaries};
 use super::{PageFrame, id, render, seconds, tag_links, time};
 use crate::config::DashboardPeer;
-use crate::error::Error;
+use crate::error::{Error, Result};
 use crate::limits::{DASHBOARD_ROWS, DASHBOARD_STUDIES};
 use crate::rpc;
 use crate::tuning::Tuning;
@@ -116,7 +116,7 @@ impl StudyIndex {
         self.summaries.changes()
     }
 
-    pub(in super::super) async fn page(&self, visitor: &Visitor<'_>, query: &Query) -> Result<String, Error> {
+    pub(in super::super) async fn page(&self, visitor: &Visitor<'_>, query: &Query) -> Result<String> {
         query.only(&["order", "reverse", "page", "tag"])?;
         let (column, tag) = (query.word("order", &COLUMNS)?, query.text("tag"));
         let order = IndexOrder { column, reverse: query.word("reverse", &["0", "1"])? == "1", tag: &tag };
@@ -165,7 +165,7 @@ impl StudyIndex {
     }
 
     /// The list of this daemon's studies in JSON, for the dashboard of another daemon.
-    pub(in super::super) async fn json(&self, visitor: &Visitor<'_>, query: &Query) -> Result<String, Error> {
+    pub(in super::super) async fn json(&self, visitor: &Visitor<'_>, query: &Query) -> Result<String> {
         query.only(&[])?;
         let (studies, is_cut) = read_studies(visitor).await?;
         let uids = studies.iter().take(DASHBOARD_ROWS).map(|study| study.uid.clone()).collect();
@@ -226,7 +226,7 @@ impl StudyIndex {
 }
 
 /// The studies that the visitor may see, by id, and whether there are more than are read.
-async fn read_studies(visitor: &Visitor<'_>) -> Result<(Vec<v1::Study>, bool), Error> {
+async fn read_studies(visitor: &Visitor<'_>) -> Result<(Vec<v1::Study>, bool)> {
     let mut studies = Vec::new();
     let mut page_token = String::new();
     loop {

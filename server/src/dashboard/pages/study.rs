@@ -17,7 +17,7 @@ use super::{
     Defaults, Head, PageFrame, TRIALS, TrialRow, asked_state, head, machine, number, read_trials, render,
     row, seconds, tag_links,
 };
-use crate::error::Error;
+use crate::error::Result;
 
 /// Most states with their best.
 const STATES: i64 = 24;
@@ -87,7 +87,7 @@ struct PolicyPage {
     limits: Vec<String>,
 }
 
-pub(in super::super) async fn study(visitor: &Visitor<'_>, id: &str, query: &Query) -> Result<String, Error> {
+pub(in super::super) async fn study(visitor: &Visitor<'_>, id: &str, query: &Query) -> Result<String> {
     let (mut head, study) = head(visitor, id, "overview").await?;
     query.only(&["state", "from"])?;
     let (asked, listed) = (asked_state(query, "state", head.states)?, listed(query, head.states)?);
@@ -158,7 +158,7 @@ pub(in super::super) async fn study(visitor: &Visitor<'_>, id: &str, query: &Que
 }
 
 /// The states that an address lists: from its first on, as many as fit.
-fn listed(query: &Query, states: i64) -> Result<RangeInclusive<i64>, Error> {
+fn listed(query: &Query, states: i64) -> Result<RangeInclusive<i64>> {
     let from = asked_state(query, "from", states)?.unwrap_or(1);
     Ok(from..=states.min(from.saturating_add(STATES - 1)))
 }
@@ -290,11 +290,7 @@ fn spans(trials: &[v1::Trial]) -> Vec<Span> {
     trials.iter().take(SPANS).filter_map(span).collect()
 }
 
-pub(in super::super) async fn policy(
-    visitor: &Visitor<'_>,
-    id: &str,
-    query: &Query,
-) -> Result<String, Error> {
+pub(in super::super) async fn policy(visitor: &Visitor<'_>, id: &str, query: &Query) -> Result<String> {
     query.only(&[])?;
     let (head, _) = head(visitor, id, "policy").await?;
     let spec = visitor.tuning.get_study(&head.id).await?.spec;

@@ -19,7 +19,7 @@ use super::super::Visitor;
 use super::standing::read_state;
 use super::{PageFrame, read_trials};
 use crate::access::caller::Caller;
-use crate::error::Error;
+use crate::error::{Error, Result};
 use crate::limits;
 use crate::tuning::Tuning;
 
@@ -156,7 +156,7 @@ impl Summaries {
     }
 
     /// Keeps a summary. Where none could be made, the former one stays for a while.
-    fn keep(&self, uid: String, counts: v1::StudyStatistics, made: Result<StudySummary, Error>) {
+    fn keep(&self, uid: String, counts: v1::StudyStatistics, made: Result<StudySummary>) {
         let mut known = self.lock();
         let former = known.by_uid.remove(&uid).map(|former| former.summary);
         let summary = match made {
@@ -176,7 +176,7 @@ impl Summaries {
     }
 }
 
-async fn summarise(tuning: &Tuning, id: &str, uid: &str) -> Result<StudySummary, Error> {
+async fn summarise(tuning: &Tuning, id: &str, uid: &str) -> Result<StudySummary> {
     let record = tuning.get_study(id).await?;
     if record.uid.to_string() != uid {
         return Err(Error::Replaced(id.to_owned()));

@@ -7,7 +7,7 @@ use treewright_proto::v1;
 use super::super::charts::figure;
 use super::super::{Query, Visitor, may_steer};
 use super::{Head, PageFrame, TrialRow, head, machine, render, row, time, value, word};
-use crate::error::Error;
+use crate::error::Result;
 use crate::rpc;
 
 type Pairs = Vec<(String, String)>;
@@ -34,7 +34,7 @@ pub(in super::super) async fn trial(
     id: &str,
     number: &str,
     query: &Query,
-) -> Result<String, Error> {
+) -> Result<String> {
     query.only(&[])?;
     let (head, study) = head(visitor, id, "trials").await?;
     let request = v1::GetTrialRequest { name: format!("studies/{}/trials/{number}", head.id) };

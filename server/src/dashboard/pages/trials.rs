@@ -5,7 +5,7 @@ use treewright_proto::v1;
 
 use super::super::{Query, Visitor};
 use super::{Head, PageFrame, TrialRow, head, render, row};
-use crate::error::Error;
+use crate::error::{Error, Result};
 use crate::rpc;
 
 const ROWS: i32 = 50;
@@ -27,7 +27,7 @@ pub(in super::super) async fn trials(
     visitor: &Visitor<'_>,
     id: &str,
     query: &Query,
-) -> Result<(String, bool), Error> {
+) -> Result<(String, bool)> {
     let (head, _) = head(visitor, id, "trials").await?;
     query.only(&["filter", "order", "page"])?;
     let (filter, order) = (query.text("filter"), query.text("order"));
