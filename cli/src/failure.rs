@@ -5,6 +5,9 @@ use std::process::ExitCode;
 
 use treewright_client::{ClientError, SpaceError};
 
+/// What a command comes to.
+pub(crate) type Result<T, E = Failure> = std::result::Result<T, E>;
+
 /// Why a command failed.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum Failure {

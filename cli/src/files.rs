@@ -3,13 +3,13 @@
 use std::io::Read as _;
 use std::path::Path;
 
-use crate::failure::Failure;
+use crate::failure::{Failure, Result};
 
 /// Largest file that is read whole.
 const TEXT_BYTES: u64 = 64 << 20;
 
 /// Reads a text file; `-` is standard input.
-pub(crate) fn read_text(path: &Path) -> Result<String, Failure> {
+pub(crate) fn read_text(path: &Path) -> Result<String> {
     let problem = |error: std::io::Error| Failure::file(path, error.to_string());
     let mut text = String::new();
     if path == Path::new("-") {

@@ -22,7 +22,7 @@ use std::io::Write as _;
 use std::process::ExitCode;
 
 use arguments::Arguments;
-use failure::Failure;
+use failure::{Failure, Result};
 use treewright_client::parse_arguments;
 
 fn main() -> ExitCode {
@@ -45,7 +45,7 @@ fn main() -> ExitCode {
 }
 
 /// Prints to standard output. A reader that has seen enough, like `head`, is no failure.
-fn print(text: &str) -> Result<(), Failure> {
+fn print(text: &str) -> Result<()> {
     let mut out = std::io::stdout().lock();
     match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
         Err(error) if error.kind() == std::io::ErrorKind::BrokenPipe => Ok(()),

@@ -2,14 +2,10 @@
 
 use serde::Serialize;
 
-use crate::failure::Failure;
+use crate::failure::Result;
 
 /// JSON where it is wished, else the words for people.
-pub(crate) fn either(
-    json: bool,
-    record: &impl Serialize,
-    words: impl FnOnce() -> String,
-) -> Result<String, Failure> {
+pub(crate) fn either(json: bool, record: &impl Serialize, words: impl FnOnce() -> String) -> Result<String> {
     let mut text = if json { serde_json::to_string_pretty(record)? } else { words() };
     if !text.ends_with('\n') {
         text.push('\n');

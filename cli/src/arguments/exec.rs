@@ -7,7 +7,7 @@ use treewright_client::{ClientError, Front, Indicators, Value};
 
 use super::{indicator, parameter};
 use crate::exec::program::MetricSource;
-use crate::failure::Failure;
+use crate::failure::{Failure, Result};
 use crate::study_file::{
     ConstraintEntry, FidelityEntry, IndicatorEntry, LimitEntry, ParameterEntry, Plain, PolicyEntry,
     StudyFile, TermEntry,
@@ -122,7 +122,7 @@ impl Exec {
     }
 
     /// The front that is looked for, if one is.
-    pub(crate) fn front(&self) -> Result<Option<Front>, Failure> {
+    pub(crate) fn front(&self) -> Result<Option<Front>> {
         if self.front.is_empty() {
             return Ok(None);
         }
@@ -130,7 +130,7 @@ impl Exec {
     }
 
     /// The study that is made up on the command line, if one is.
-    pub(crate) fn inline_study(&self) -> Result<Option<StudyFile>, Failure> {
+    pub(crate) fn inline_study(&self) -> Result<Option<StudyFile>> {
         if self.tune.is_empty() {
             return Ok(None);
         }

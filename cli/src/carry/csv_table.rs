@@ -8,15 +8,15 @@ use treewright_client::{Configuration, Domain, Space, StudySpec, TrialRecord, Va
 
 use super::table::{self, FINGERPRINT, MEASUREMENT, Role, Row, TrialCell};
 use super::{CarriedTrial, in_kinds};
-use crate::failure::Failure;
+use crate::failure::{Failure, Result};
 use crate::show;
 
 pub(crate) fn write(
     out: impl Write,
     spec: &StudySpec,
-    trials: impl Iterator<Item = Result<TrialRecord, Failure>>,
+    trials: impl Iterator<Item = Result<TrialRecord>>,
     site: &str,
-) -> Result<(), Failure> {
+) -> Result<()> {
     // Which measurements there are is only known at the end.
     let trials: Vec<TrialRecord> = trials.collect::<Result<_, _>>()?;
     let mut columns = table::columns(spec, &trials, site);
@@ -46,7 +46,7 @@ fn output(error: csv::Error) -> Failure {
 }
 
 /// Reads trials of a study from a table with a header.
-pub(crate) fn read(path: &Path, spec: &StudySpec) -> Result<Vec<CarriedTrial>, Failure> {
+pub(crate) fn read(path: &Path, spec: &StudySpec) -> Result<Vec<CarriedTrial>> {
     let file = std::fs::File::open(path).map_err(|error| Failure::file(path, error.to_string()))?;
     let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
     parse(file, &name, &spec.space).map_err(|problem| Failure::file(path, problem))

@@ -7,7 +7,7 @@ use serde_json::{Value as Json, json};
 use treewright_client::{StudySpec, Value};
 
 use super::CarriedTrial;
-use crate::failure::Failure;
+use crate::failure::{Failure, Result};
 use crate::study_file::{Plain, StudyFile};
 
 /// The metric of a study that is created.
@@ -53,7 +53,7 @@ impl Foreign {
 pub(super) fn read_with(
     path: &Path,
     reader: impl Future<Output = Result<Foreign, String>>,
-) -> Result<Foreign, Failure> {
+) -> Result<Foreign> {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
     let read = runtime.map_err(|error| error.to_string()).and_then(|runtime| runtime.block_on(reader));
     read.map_err(|problem| Failure::file(path, problem))

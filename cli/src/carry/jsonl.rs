@@ -7,7 +7,7 @@ use std::path::Path;
 use serde::{Deserialize, Serialize};
 
 use super::CarriedTrial;
-use crate::failure::Failure;
+use crate::failure::{Failure, Result};
 use crate::study_file::StudyFile;
 
 /// Version of the form; a reader refuses a higher one.
@@ -40,16 +40,14 @@ impl Header {
     }
 }
 
-pub(crate) fn write_line(out: &mut impl Write, record: &impl Serialize) -> Result<(), Failure> {
+pub(crate) fn write_line(out: &mut impl Write, record: &impl Serialize) -> Result<()> {
     let mut line = serde_json::to_vec(record)?;
     line.push(b'\n');
     out.write_all(&line).map_err(Failure::Output)
 }
 
 /// Opens an export: its first line, and the trials one after the other.
-pub(crate) fn read(
-    path: &Path,
-) -> Result<(Header, impl Iterator<Item = Result<CarriedTrial, Failure>>), Failure> {
+pub(crate) fn read(path: &Path) -> Result<(Header, impl Iterator<Item = Result<CarriedTrial>>)> {
     let problem = |line: usize, error: String| Failure::file(path, format!("line {line}: {error}"));
     let file = File::open(path).map_err(|error| Failure::file(path, error.to_string()))?;
     let mut lines = BufReader::new(file).lines().enumerate();

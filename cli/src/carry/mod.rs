@@ -26,7 +26,7 @@ use treewright_client::{
     StudyRecord, StudySpec, TrialQuery, TrialRecord, Value,
 };
 
-use crate::failure::Failure;
+use crate::failure::{Failure, Result};
 use crate::progress;
 
 /// Prefix of the client's name in a carried trial.
@@ -177,7 +177,7 @@ impl<'a> Importer<'a> {
         site: &str,
         indicators: &[(String, f64)],
         dry_run: bool,
-    ) -> Result<Self, Failure> {
+    ) -> Result<Self> {
         let wanted = TrialQuery::all().filter("mode = PINNED AND state = COMPLETED");
         let mut known = BTreeSet::new();
         for trial in client.trials(&study.identified_name(), wanted) {
@@ -199,10 +199,7 @@ impl<'a> Importer<'a> {
     }
 
     /// Adds the trials that the study does not hold yet.
-    pub(crate) fn run(
-        mut self,
-        trials: impl Iterator<Item = Result<CarriedTrial, Failure>>,
-    ) -> Result<Tally, Failure> {
+    pub(crate) fn run(mut self, trials: impl Iterator<Item = Result<CarriedTrial>>) -> Result<Tally> {
         let mut tally = Tally { study: self.study.to_owned(), dry_run: self.dry_run, ..Tally::default() };
         for trial in trials {
             let mut trial = trial?;
@@ -246,7 +243,7 @@ impl<'a> Importer<'a> {
     }
 
     /// Whether the study itself measured this.
-    fn holds(&mut self, key: &str, trial: &CarriedTrial) -> Result<bool, Failure> {
+    fn holds(&mut self, key: &str, trial: &CarriedTrial) -> Result<bool> {
         let Some(number) = self.own.iter().find_map(|own| key.strip_prefix(own)?.parse().ok()) else {
             return Ok(false);
         };
@@ -264,7 +261,7 @@ impl<'a> Importer<'a> {
         Ok(is_held)
     }
 
-    fn read_held(&self) -> Result<BTreeMap<u64, CarriedTrial>, Failure> {
+    fn read_held(&self) -> Result<BTreeMap<u64, CarriedTrial>> {
         let mut held = BTreeMap::new();
         let completed = TrialQuery::all().filter("state = COMPLETED").in_present_space();
         for trial in self.client.trials(&self.name, completed) {
@@ -323,7 +320,7 @@ impl<'a> Importer<'a> {
         Ok((question, measured))
     }
 
-    fn add(&self, trial: &CarriedTrial, question: &Question, measured: &Measurements) -> Result<(), Failure> {
+    fn add(&self, trial: &CarriedTrial, question: &Question, measured: &Measurements) -> Result<()> {
         let open = self.client.ask(&self.name, question)?;
         if let Err(problem) = self.client.tell(&open.name, measured, &trial.outcome) {
             // Else it would wait for its lease to end.

@@ -14,13 +14,13 @@ use treewright_client::{Configuration, Outcome, Value};
 
 use super::CarriedTrial;
 use super::foreign::{Foreign, METRIC, check_names, json_of, our_name, read_with};
-use crate::failure::Failure;
+use crate::failure::Result;
 use crate::study_file::StudyFile;
 
 /// Steps of a parameter that are written out as choices, at most.
 const CHOICES_MAX: f64 = 64.0;
 
-pub(crate) fn read(path: &Path, name: &str) -> Result<Foreign, Failure> {
+pub(crate) fn read(path: &Path, name: &str) -> Result<Foreign> {
     read_with(path, read_study(path, name))
 }
 

@@ -25,7 +25,7 @@ use treewright_client::{StudySpec, TrialRecord, Value};
 use super::CarriedTrial;
 use super::jsonl::Header;
 use super::table::{self, Kind, MEASUREMENT, Role, Row, TrialCell, TrialColumn};
-use crate::failure::Failure;
+use crate::failure::{Failure, Result};
 
 /// Where the study stands in the file's metadata.
 const STUDY_KEY: &str = "treewright_study";
@@ -36,8 +36,8 @@ pub(crate) fn write(
     out: impl Write + Send,
     header: &Header,
     spec: &StudySpec,
-    trials: impl Iterator<Item = Result<TrialRecord, Failure>>,
-) -> Result<(), Failure> {
+    trials: impl Iterator<Item = Result<TrialRecord>>,
+) -> Result<()> {
     // Which measurements there are is only known at the end.
     let trials: Vec<TrialRecord> = trials.collect::<Result<_, _>>()?;
     let columns = table::columns(spec, &trials, &header.site);
@@ -133,7 +133,7 @@ fn text(cell: TrialCell) -> Option<ByteArray> {
 }
 
 /// Reads trials, and the study where an export wrote it.
-pub(crate) fn read(path: &Path) -> Result<(Option<Header>, Vec<CarriedTrial>), Failure> {
+pub(crate) fn read(path: &Path) -> Result<(Option<Header>, Vec<CarriedTrial>)> {
     let file = File::open(path).map_err(|error| Failure::file(path, error.to_string()))?;
     let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
     // The library asserts what a damaged file may deny.

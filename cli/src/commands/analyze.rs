@@ -5,13 +5,13 @@ use treewright_client::{ClientError, Constraint, TrialQuery};
 
 use crate::analysis::{self, Request, TRIALS_MIN};
 use crate::arguments::data::Analyze;
-use crate::failure::Failure;
+use crate::failure::{Failure, Result};
 use crate::output::either;
 
-pub(super) fn run(client: &Client, wanted: &Analyze, json: bool) -> Result<String, Failure> {
+pub(super) fn run(client: &Client, wanted: &Analyze, json: bool) -> Result<String> {
     let study = client.get_study(&wanted.study)?;
     let (name, spec) = (study.identified_name(), study.spec()?.clone());
-    let trials = |further: &str| -> Result<Vec<_>, Failure> {
+    let trials = |further: &str| -> Result<Vec<_>> {
         let parts = ["state = COMPLETED", &wanted.filter, further];
         let filter: Vec<&str> = parts.into_iter().filter(|part| !part.trim().is_empty()).collect();
         let query = TrialQuery::all().filter(filter.join(" AND ")).in_present_space();
@@ -53,7 +53,7 @@ pub(super) fn run(client: &Client, wanted: &Analyze, json: bool) -> Result<Strin
 }
 
 /// Whether the daemon understands a filter.
-fn check(client: &Client, study: &str, option: &str, filter: &str) -> Result<(), Failure> {
+fn check(client: &Client, study: &str, option: &str, filter: &str) -> Result<()> {
     let query = TrialQuery::all().filter(filter);
     match client.trials(study, query).next() {
         Some(Err(problem)) if problem.is_invalid_argument() => {

@@ -12,13 +12,13 @@ use crate::carry::foreign::Foreign;
 #[cfg(feature = "parquet")]
 use crate::carry::parquet_table;
 use crate::carry::{CarriedTrial, Importer, Tally, csv_table, jsonl, optuna, vizier};
-use crate::failure::Failure;
+use crate::failure::{Failure, Result};
 use crate::files;
 use crate::output::either;
 use crate::progress;
 use crate::study_file::StudyFile;
 
-pub(super) fn export(client: &Client, export: &Export) -> Result<String, Failure> {
+pub(super) fn export(client: &Client, export: &Export) -> Result<String> {
     match &export.out {
         None => {
             let mut out = BufWriter::new(std::io::stdout());
@@ -50,14 +50,14 @@ fn beside(path: &Path) -> PathBuf {
     path.with_file_name(name)
 }
 
-fn write_file(client: &Client, export: &Export, path: &Path) -> Result<(), Failure> {
+fn write_file(client: &Client, export: &Export, path: &Path) -> Result<()> {
     let file = File::create_new(path).map_err(|error| Failure::file(path, error.to_string()))?;
     let mut out = BufWriter::new(file);
     write(client, export, &mut out)?;
     out.flush().map_err(Failure::Output)
 }
 
-fn write(client: &Client, export: &Export, out: &mut (impl Write + Send)) -> Result<(), Failure> {
+fn write(client: &Client, export: &Export, out: &mut (impl Write + Send)) -> Result<()> {
     let site = export.site.clone().unwrap_or_else(files::host);
     let study = client.get_study(&export.study)?;
     let query = TrialQuery::all().filter(&export.filter).in_present_space();
@@ -90,7 +90,7 @@ fn write(client: &Client, export: &Export, out: &mut (impl Write + Send)) -> Res
     }
 }
 
-pub(super) fn import(client: &Client, import: &Import, json: bool) -> Result<String, Failure> {
+pub(super) fn import(client: &Client, import: &Import, json: bool) -> Result<String> {
     let path = import.file.as_path();
     let extension = path.extension().unwrap_or_default().to_string_lossy().to_lowercase();
     let tally = match (&import.optuna_study, &import.vizier_study, extension.as_str()) {
@@ -113,13 +113,13 @@ fn site(import: &Import) -> String {
     import.site.clone().unwrap_or_else(files::host)
 }
 
-fn from_jsonl(client: &Client, import: &Import, path: &Path) -> Result<Tally, Failure> {
+fn from_jsonl(client: &Client, import: &Import, path: &Path) -> Result<Tally> {
     let (header, trials) = jsonl::read(path)?;
     into_its_study(client, import, &header, trials)
 }
 
 #[cfg(feature = "parquet")]
-fn from_parquet(client: &Client, import: &Import, path: &Path) -> Result<Tally, Failure> {
+fn from_parquet(client: &Client, import: &Import, path: &Path) -> Result<Tally> {
     match parquet_table::read(path)? {
         (Some(header), trials) => into_its_study(client, import, &header, trials.into_iter().map(Ok)),
         (None, trials) => into_named_study(client, import, |_| Ok(trials)),
@@ -131,8 +131,8 @@ fn into_its_study(
     client: &Client,
     import: &Import,
     header: &jsonl::Header,
-    trials: impl Iterator<Item = Result<CarriedTrial, Failure>>,
-) -> Result<Tally, Failure> {
+    trials: impl Iterator<Item = Result<CarriedTrial>>,
+) -> Result<Tally> {
     let id = match import.study.clone().or_else(|| header.study.id.clone()) {
         Some(id) => id,
         None => return Err(Failure::Usage("the file does not name a study; add --study ID".into())),
@@ -147,8 +147,8 @@ fn into_its_study(
 fn into_named_study(
     client: &Client,
     import: &Import,
-    read: impl FnOnce(&StudySpec) -> Result<Vec<CarriedTrial>, Failure>,
-) -> Result<Tally, Failure> {
+    read: impl FnOnce(&StudySpec) -> Result<Vec<CarriedTrial>>,
+) -> Result<Tally> {
     let Some(id) = &import.study else {
         return Err(Failure::Usage("the file does not contain a study; add --study ID".into()));
     };
@@ -158,7 +158,7 @@ fn into_named_study(
     importer.run(trials.into_iter().map(Ok))
 }
 
-fn from_other(client: &Client, import: &Import, read: Foreign) -> Result<Tally, Failure> {
+fn from_other(client: &Client, import: &Import, read: Foreign) -> Result<Tally> {
     if read.without_value > 0 {
         progress::note(&format!("{} trial(s) without a finite value were skipped", read.without_value));
     }
@@ -180,8 +180,8 @@ fn into_new_or_known(
     import: &Import,
     id: &str,
     file: &StudyFile,
-    add: impl FnOnce(&StudyRecord) -> Result<Tally, Failure>,
-) -> Result<Tally, Failure> {
+    add: impl FnOnce(&StudyRecord) -> Result<Tally>,
+) -> Result<Tally> {
     match client.get_study(id) {
         Err(problem) if problem.is_not_found() && !import.dry_run => {
             create_with_trials(client, id, file.spec()?, add)
@@ -195,8 +195,8 @@ pub(super) fn create_with_trials(
     client: &Client,
     id: &str,
     mut spec: StudySpec,
-    add: impl FnOnce(&StudyRecord) -> Result<Tally, Failure>,
-) -> Result<Tally, Failure> {
+    add: impl FnOnce(&StudyRecord) -> Result<Tally>,
+) -> Result<Tally> {
     let is_frozen = spec.policy.operation == Some(Operation::Freeze.into());
     if is_frozen {
         spec.policy.operation = None;

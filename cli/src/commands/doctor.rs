@@ -9,7 +9,7 @@ use treewright_client::{Options, detect_fingerprint};
 
 use super::USUAL;
 use crate::arguments::Arguments;
-use crate::failure::Failure;
+use crate::failure::Result;
 use crate::output::either;
 use treewright_client::local::{self, LocalDaemon};
 
@@ -24,7 +24,7 @@ struct Finding {
     found: String,
 }
 
-pub(super) fn run(arguments: &Arguments) -> Result<String, Failure> {
+pub(super) fn run(arguments: &Arguments) -> Result<String> {
     let mut findings = vec![processor(), load(), governor(), clock()];
     findings.extend(["treewrightd", "treewright-render"].map(program));
     findings.push(local_database());

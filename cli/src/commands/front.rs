@@ -4,11 +4,11 @@ use treewright_client::blocking::Client;
 use treewright_client::{ClientError, Front, FrontQuery};
 
 use crate::arguments::data::FrontOf;
-use crate::failure::Failure;
+use crate::failure::{Failure, Result};
 use crate::output::either;
 use crate::show;
 
-pub(super) fn run(client: &Client, wanted: &FrontOf, json: bool) -> Result<String, Failure> {
+pub(super) fn run(client: &Client, wanted: &FrontOf, json: bool) -> Result<String> {
     let named = (!wanted.metrics.is_empty()).then(|| Front::new(&wanted.metrics));
     let front = named.transpose().map_err(ClientError::from)?;
     let reference = Some(wanted.reference.clone()).filter(|values| !values.is_empty());

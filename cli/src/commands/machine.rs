@@ -5,7 +5,7 @@ use std::path::Path;
 use clap::CommandFactory as _;
 
 use crate::arguments::Arguments;
-use crate::failure::Failure;
+use crate::failure::{Failure, Result};
 
 /// The script with which a shell completes commands.
 pub(super) fn completions(shell: clap_complete::Shell) -> String {
@@ -15,7 +15,7 @@ pub(super) fn completions(shell: clap_complete::Shell) -> String {
 }
 
 /// Writes a manual page for each command, and says where.
-pub(super) fn man(folder: &Path) -> Result<String, Failure> {
+pub(super) fn man(folder: &Path) -> Result<String> {
     let problem = |error: std::io::Error| Failure::file(folder, error.to_string());
     std::fs::create_dir_all(folder).map_err(problem)?;
     clap_mangen::generate_to(Arguments::command(), folder).map_err(problem)?;

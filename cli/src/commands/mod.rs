@@ -19,7 +19,7 @@ use treewright_client::{ClientError, Options};
 
 use crate::arguments::study::StudyCommand;
 use crate::arguments::{Arguments, Command};
-use crate::failure::Failure;
+use crate::failure::{Failure, Result};
 use crate::output::either;
 use crate::study_file;
 use crate::{exec, progress, show};
@@ -33,7 +33,7 @@ const USUAL: &str = "http://127.0.0.1:50611";
 const LOCAL: &str = "local";
 
 /// Runs the command and returns the text to print.
-pub(crate) fn run(arguments: &Arguments) -> Result<String, Failure> {
+pub(crate) fn run(arguments: &Arguments) -> Result<String> {
     // These need no daemon.
     match &arguments.command {
         Command::Study(StudyCommand::Schema) => return either(true, &study_file::schema(), String::new),
@@ -95,7 +95,7 @@ fn is_repeatable(command: &Command) -> bool {
 }
 
 /// Does what needs a daemon.
-fn ask(client: &Client, address: &Address, arguments: &Arguments) -> Result<String, Failure> {
+fn ask(client: &Client, address: &Address, arguments: &Arguments) -> Result<String> {
     let json = arguments.json;
     match &arguments.command {
         Command::Exec(exec) => {
@@ -129,7 +129,7 @@ fn ask(client: &Client, address: &Address, arguments: &Arguments) -> Result<Stri
     }
 }
 
-fn connect(url: &str, arguments: &Arguments) -> Result<Client, Failure> {
+fn connect(url: &str, arguments: &Arguments) -> Result<Client> {
     let options =
         Options::new().call_deadline(arguments.timeout).credentials(arguments.credentials.credentials()?);
     Ok(Client::connect(url, options)?)
@@ -143,9 +143,9 @@ struct Address {
 
 /// The daemon's address. Without one in the arguments: the usual address if a daemon answers there, else
 /// that of the local daemon.
-fn address(arguments: &Arguments) -> Result<Address, Failure> {
+fn address(arguments: &Arguments) -> Result<Address> {
     let elsewhere = |url: &str| Address { url: url.to_owned(), is_local: false };
-    let here = |local: LocalDaemon| -> Result<Address, Failure> {
+    let here = |local: LocalDaemon| -> Result<Address> {
         Ok(Address { url: local.start(progress::note)?, is_local: true })
     };
     match arguments.server.as_deref() {
@@ -175,7 +175,7 @@ fn needs_a_daemon(command: &Command) -> bool {
     )
 }
 
-fn ping(client: &Client, json: bool) -> Result<String, Failure> {
+fn ping(client: &Client, json: bool) -> Result<String> {
     // The first answer includes connecting; the second says how far away the daemon is.
     client.ping()?;
     let round_trip_ms = client.ping()?.as_secs_f64() * 1e3;

@@ -6,13 +6,13 @@ use treewright_client::{Configuration, Measurements, Outcome, Question, Value};
 use crate::arguments::exec::{Report, Suggest, SuggestFormat};
 use crate::exec::program::{same_words, variable};
 use crate::exec::quoted;
-use crate::failure::Failure;
+use crate::failure::{Failure, Result};
 use crate::files;
 use crate::output::either;
 use crate::progress;
 use crate::show;
 
-pub(super) fn suggest(client: &Client, ask: &Suggest, json: bool) -> Result<String, Failure> {
+pub(super) fn suggest(client: &Client, ask: &Suggest, json: bool) -> Result<String> {
     let study = client.get_study(&ask.study)?;
     let parameters = study.spec().map(|spec| spec.space.parameters()).unwrap_or_default();
     let names: Vec<&str> = parameters.iter().map(|parameter| parameter.name.as_str()).collect();
@@ -20,7 +20,7 @@ pub(super) fn suggest(client: &Client, ask: &Suggest, json: bool) -> Result<Stri
         // Before there is a trial that nobody could run.
         distinct_arguments(&names)?;
     }
-    let complete = |some: &[(String, Value)]| -> Result<Option<Configuration>, Failure> {
+    let complete = |some: &[(String, Value)]| -> Result<Option<Configuration>> {
         if some.is_empty() {
             return Ok(None);
         }
@@ -66,7 +66,7 @@ fn argument(parameter: &str) -> String {
 }
 
 /// Checks that no two parameters have one argument.
-fn distinct_arguments(parameters: &[&str]) -> Result<(), Failure> {
+fn distinct_arguments(parameters: &[&str]) -> Result<()> {
     match same_words(argument, parameters.iter().copied()).first() {
         None => Ok(()),
         Some((word, parameter)) => Err(Failure::Usage(format!(
@@ -88,7 +88,7 @@ fn environment(trial: &str, configuration: &Configuration, parameters: &[&str], 
     text
 }
 
-pub(super) fn report(client: &Client, report: &Report, json: bool) -> Result<String, Failure> {
+pub(super) fn report(client: &Client, report: &Report, json: bool) -> Result<String> {
     if report.abandon {
         let trial = client.give_back(&report.trial)?;
         return either(json, &trial, || format!("gave back {}", trial.name));

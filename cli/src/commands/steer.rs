@@ -4,11 +4,11 @@ use treewright_client::blocking::Client;
 use treewright_client::{Configuration, Operation, Policy, PolicyChange, StudyRecord};
 
 use crate::arguments::study::{self, Pin};
-use crate::failure::Failure;
+use crate::failure::{Failure, Result};
 use crate::output::either;
 use crate::show;
 
-pub(super) fn policy(client: &Client, change: &study::Policy, json: bool) -> Result<String, Failure> {
+pub(super) fn policy(client: &Client, change: &study::Policy, json: bool) -> Result<String> {
     let (mut name, mut set) = (change.study.clone(), change.settings.0.clone());
     if !change.pin.is_empty() {
         let study = client.get_study(&change.study)?;
@@ -24,15 +24,15 @@ pub(super) fn policy(client: &Client, change: &study::Policy, json: bool) -> Res
 }
 
 /// A configuration of all parameters.
-fn whole(study: &StudyRecord, some: &Configuration) -> Result<Configuration, Failure> {
+fn whole(study: &StudyRecord, some: &Configuration) -> Result<Configuration> {
     Ok(study.spec()?.space.complete(some)?.into())
 }
 
-fn show_policy(study: &StudyRecord, json: bool) -> Result<String, Failure> {
+fn show_policy(study: &StudyRecord, json: bool) -> Result<String> {
     either(json, &study.policy, || show::policy(&study.policy))
 }
 
-pub(super) fn pin(client: &Client, pin: &Pin, json: bool) -> Result<String, Failure> {
+pub(super) fn pin(client: &Client, pin: &Pin, json: bool) -> Result<String> {
     let study = client.get_study(&pin.study)?;
     let name = study.identified_name();
     let configuration = if !pin.values.is_empty() {
@@ -61,12 +61,12 @@ pub(super) fn pin(client: &Client, pin: &Pin, json: bool) -> Result<String, Fail
     })
 }
 
-pub(super) fn unpin(client: &Client, study: &str, json: bool) -> Result<String, Failure> {
+pub(super) fn unpin(client: &Client, study: &str, json: bool) -> Result<String> {
     let stored = client.update_policy(study, &PolicyChange::unpin())?;
     either(json, &stored.policy, || format!("{study} follows its policy again"))
 }
 
-pub(super) fn freeze(client: &Client, study: &str, freezes: bool, json: bool) -> Result<String, Failure> {
+pub(super) fn freeze(client: &Client, study: &str, freezes: bool, json: bool) -> Result<String> {
     let change = if freezes {
         PolicyChange::set(Policy::new().operation(Operation::Freeze))
     } else {

@@ -8,7 +8,7 @@ use treewright_client::{Best, Configuration, Policy, StudyRecord, StudySpec, Tex
 use super::carry::create_with_trials;
 use crate::arguments::study::{CloneStudy, EditStudy, StudyCommand};
 use crate::carry::{CarriedTrial, Importer, Tally};
-use crate::failure::Failure;
+use crate::failure::{Failure, Result};
 use crate::files;
 use crate::output::either;
 use crate::progress;
@@ -16,13 +16,13 @@ use crate::show;
 use crate::study_file::StudyFile;
 use crate::study_file::find::id_of;
 
-pub(super) fn list(client: &Client, tags: &[String], json: bool) -> Result<String, Failure> {
+pub(super) fn list(client: &Client, tags: &[String], json: bool) -> Result<String> {
     let studies = tagged(client, tags)?;
     either(json, &studies, || some_or_none(&studies, tags, show::studies))
 }
 
 /// The studies with all these tags.
-fn tagged(client: &Client, tags: &[String]) -> Result<Vec<StudyRecord>, Failure> {
+fn tagged(client: &Client, tags: &[String]) -> Result<Vec<StudyRecord>> {
     let mut studies = client.list_studies()?;
     studies.retain(|study| tags.iter().all(|tag| study.tags.contains(tag)));
     Ok(studies)
@@ -40,7 +40,7 @@ fn some_or_none<T>(studies: &[T], tags: &[String], show: impl Fn(&[T]) -> String
 const STATES_READ: i64 = 12;
 
 /// The standing of each study. The daemon reads every study into its memory for that.
-pub(super) fn standings(client: &Client, tags: &[String], json: bool) -> Result<String, Failure> {
+pub(super) fn standings(client: &Client, tags: &[String], json: bool) -> Result<String> {
     let mut all = Vec::new();
     for study in tagged(client, tags)? {
         let found = best_of_states(client, &study, STATES_READ)?;
@@ -52,7 +52,7 @@ pub(super) fn standings(client: &Client, tags: &[String], json: bool) -> Result<
 }
 
 /// The best of each of the first states in which something was measured.
-pub(super) fn best_of_states(client: &Client, study: &StudyRecord, most: i64) -> Result<Vec<Best>, Failure> {
+pub(super) fn best_of_states(client: &Client, study: &StudyRecord, most: i64) -> Result<Vec<Best>> {
     let (name, mut found) = (study.identified_name(), Vec::new());
     for state in 1..=study.statistics.states.min(most) {
         found.extend(client.best_of_state(&name, state)?);
@@ -60,7 +60,7 @@ pub(super) fn best_of_states(client: &Client, study: &StudyRecord, most: i64) ->
     Ok(found)
 }
 
-pub(super) fn run(client: &Client, command: &StudyCommand, json: bool) -> Result<String, Failure> {
+pub(super) fn run(client: &Client, command: &StudyCommand, json: bool) -> Result<String> {
     match command {
         StudyCommand::Create { file, id } => create(client, file, id.as_deref(), json),
         StudyCommand::Show { name, format: Some(language) } => {
@@ -91,7 +91,7 @@ pub(super) fn run(client: &Client, command: &StudyCommand, json: bool) -> Result
     }
 }
 
-fn create(client: &Client, path: &Path, id: Option<&str>, json: bool) -> Result<String, Failure> {
+fn create(client: &Client, path: &Path, id: Option<&str>, json: bool) -> Result<String> {
     let file = StudyFile::read(path)?;
     let study = client.create_study(&id_of(&file, path, id)?, &file.spec()?)?;
     either(json, &study, || {
@@ -109,7 +109,7 @@ fn create(client: &Client, path: &Path, id: Option<&str>, json: bool) -> Result<
     })
 }
 
-fn clone(client: &Client, copy: &CloneStudy) -> Result<Tally, Failure> {
+fn clone(client: &Client, copy: &CloneStudy) -> Result<Tally> {
     let original = client.get_study(&copy.name)?;
     if let Ok(there) = client.get_study(&copy.to) {
         return Err(Failure::Data(format!("{} already exists; choose another id", there.name)));
@@ -135,7 +135,7 @@ fn clone(client: &Client, copy: &CloneStudy) -> Result<Tally, Failure> {
 }
 
 /// Changes the texts for people of a study.
-fn edit_texts(client: &Client, change: &EditStudy, json: bool) -> Result<String, Failure> {
+fn edit_texts(client: &Client, change: &EditStudy, json: bool) -> Result<String> {
     let texts = TextChange {
         display_name: change.display_name.clone(),
         note: change.note.clone(),
@@ -148,7 +148,7 @@ fn edit_texts(client: &Client, change: &EditStudy, json: bool) -> Result<String,
 }
 
 /// Changes the space of a study, or shows what that would mean.
-fn edit_space(client: &Client, change: &EditStudy, file: &Path, json: bool) -> Result<String, Failure> {
+fn edit_space(client: &Client, change: &EditStudy, file: &Path, json: bool) -> Result<String> {
     let (study, file) = (client.get_study(&change.name)?, StudyFile::read(file)?.spec()?);
     let before = study.spec()?;
     let others = [
@@ -202,12 +202,12 @@ fn kept_words(file: &StudySpec, study: &StudyRecord) -> Option<String> {
     ))
 }
 
-fn rename(client: &Client, name: &str, to: &str, json: bool) -> Result<String, Failure> {
+fn rename(client: &Client, name: &str, to: &str, json: bool) -> Result<String> {
     let study = client.rename_study(name, to)?;
     either(json, &study, || format!("renamed {name} to {to}, with {} trial(s)", study.statistics.trials))
 }
 
-fn delete(client: &Client, name: &str, yes: bool, json: bool) -> Result<String, Failure> {
+fn delete(client: &Client, name: &str, yes: bool, json: bool) -> Result<String> {
     if !yes {
         let study = client.get_study(name)?;
         let trials = study.statistics.trials;

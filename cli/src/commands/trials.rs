@@ -7,14 +7,14 @@ use treewright_client::{Best, Prediction, StudyRecord, TrialQuery};
 use crate::arguments::State;
 use crate::arguments::data::{TrialFormat, Trials};
 use crate::carry::csv_table;
-use crate::failure::Failure;
+use crate::failure::{Failure, Result};
 use crate::output::either;
 use crate::{files, show};
 
 /// Most states whose best configurations are listed.
 const STATES_LISTED: i64 = 40;
 
-pub(super) fn list(client: &Client, which: &Trials, json: bool) -> Result<String, Failure> {
+pub(super) fn list(client: &Client, which: &Trials, json: bool) -> Result<String> {
     let mut filter = which.filter.clone();
     if let Some(after) = which.after {
         let join = if filter.trim().is_empty() { "" } else { " AND " };
@@ -40,7 +40,7 @@ pub(super) fn list(client: &Client, which: &Trials, json: bool) -> Result<String
 
 /// The prediction in a state, and its study, which is asked under its identity: in another study that takes
 /// the id meanwhile, a number names another state.
-fn predicted(client: &Client, state: &State) -> Result<(Prediction, StudyRecord), Failure> {
+fn predicted(client: &Client, state: &State) -> Result<(Prediction, StudyRecord)> {
     let study = client.get_study(&state.study)?;
     let name = study.identified_name();
     let indicators = match state.state {
@@ -54,7 +54,7 @@ fn predicted(client: &Client, state: &State) -> Result<(Prediction, StudyRecord)
     Ok((client.predict(&name, &indicators)?, study))
 }
 
-pub(super) fn best(client: &Client, state: &State, json: bool) -> Result<String, Failure> {
+pub(super) fn best(client: &Client, state: &State, json: bool) -> Result<String> {
     let study = client.get_study(&state.study)?;
     let name = study.identified_name();
     if let Some(number) = state.state {
@@ -88,7 +88,7 @@ struct BestAsJson<'a> {
     default_value: Option<f64>,
 }
 
-fn show_best(best: &Best, study: &StudyRecord, json: bool) -> Result<String, Failure> {
+fn show_best(best: &Best, study: &StudyRecord, json: bool) -> Result<String> {
     if json {
         let view = show::view(study);
         let (value, default_value) =
@@ -98,7 +98,7 @@ fn show_best(best: &Best, study: &StudyRecord, json: bool) -> Result<String, Fai
     Ok(show::best(best, study.spec()?))
 }
 
-pub(super) fn predict(client: &Client, state: &State, json: bool) -> Result<String, Failure> {
+pub(super) fn predict(client: &Client, state: &State, json: bool) -> Result<String> {
     let (prediction, study) = predicted(client, state)?;
     if json {
         return either(json, &prediction, String::new);
@@ -117,12 +117,7 @@ fn trial_name(name: &str) -> String {
 }
 
 /// Excludes a trial for a reason, or counts it again without one.
-pub(super) fn exclude(
-    client: &Client,
-    trial: &str,
-    reason: Option<&str>,
-    json: bool,
-) -> Result<String, Failure> {
+pub(super) fn exclude(client: &Client, trial: &str, reason: Option<&str>, json: bool) -> Result<String> {
     let stored = client.exclude(&trial_name(trial), reason)?;
     either(json, &stored, || match reason {
         Some(_) => {
@@ -133,7 +128,7 @@ pub(super) fn exclude(
     })
 }
 
-pub(super) fn explain(client: &Client, state: &State, json: bool) -> Result<String, Failure> {
+pub(super) fn explain(client: &Client, state: &State, json: bool) -> Result<String> {
     if state.study.contains("/trials/") {
         let trial = client.trial(&trial_name(&state.study))?;
         if json {

@@ -7,7 +7,7 @@ use treewright_client::TrialQuery;
 use treewright_client::blocking::Client;
 
 use crate::arguments::data::Watch;
-use crate::failure::Failure;
+use crate::failure::{Failure, Result};
 use crate::output::either;
 use crate::progress;
 use crate::show::{self, Glance};
@@ -15,7 +15,7 @@ use crate::show::{self, Glance};
 /// Most states that are shown, and most open trials.
 const ROWS: i64 = 12;
 
-pub(super) fn run(client: &Client, watch: &Watch, json: bool) -> Result<String, Failure> {
+pub(super) fn run(client: &Client, watch: &Watch, json: bool) -> Result<String> {
     let Some(study) = &watch.study else { return all(client, watch, json) };
     let (mut name, mut last) = (study.clone(), None);
     repeat(watch, || {
@@ -26,13 +26,13 @@ pub(super) fn run(client: &Client, watch: &Watch, json: bool) -> Result<String, 
     })
 }
 
-fn all(client: &Client, watch: &Watch, json: bool) -> Result<String, Failure> {
+fn all(client: &Client, watch: &Watch, json: bool) -> Result<String> {
     repeat(watch, || super::studies::list(client, &[], json))
 }
 
 /// Draws until it is ended. A daemon that was there once and is away, because it is started again, is waited
 /// for.
-fn repeat(watch: &Watch, mut picture: impl FnMut() -> Result<String, Failure>) -> Result<String, Failure> {
+fn repeat(watch: &Watch, mut picture: impl FnMut() -> Result<String>) -> Result<String> {
     let (mut drawn, mut away) = (false, false);
     loop {
         match picture() {
@@ -52,7 +52,7 @@ fn repeat(watch: &Watch, mut picture: impl FnMut() -> Result<String, Failure>) -
     }
 }
 
-fn look(client: &Client, study: &str, last: &mut Option<(Instant, i64)>) -> Result<Glance, Failure> {
+fn look(client: &Client, study: &str, last: &mut Option<(Instant, i64)>) -> Result<Glance> {
     let study = client.get_study(study)?;
     let (now, completed) = (Instant::now(), study.statistics.completed_trials);
     let since = last.replace((now, completed));
@@ -65,7 +65,7 @@ fn look(client: &Client, study: &str, last: &mut Option<(Instant, i64)>) -> Resu
 }
 
 /// Overwrites the previous picture, on a terminal.
-fn redraw(text: &str) -> Result<(), Failure> {
+fn redraw(text: &str) -> Result<()> {
     let mut out = std::io::stdout().lock();
     let clear = if out.is_terminal() { "\x1b[H\x1b[2J" } else { "" };
     out.write_all(clear.as_bytes())

@@ -5,12 +5,12 @@ use treewright_client::{Configuration, TrialRecord};
 use super::pairs::Gain;
 use super::summary::{Confirmed, Summary, WinnerSource};
 use super::{Session, Step};
-use crate::failure::Failure;
+use crate::failure::Result;
 use crate::progress;
 
 impl Session<'_> {
     /// Lets the best run against the default, in turns, and says which of the two to use.
-    pub(super) fn confirm(&mut self, pairs: u32, summary: &mut Summary) -> Result<(), Failure> {
+    pub(super) fn confirm(&mut self, pairs: u32, summary: &mut Summary) -> Result<()> {
         let default = &self.job.default;
         // Where nothing is proven yet, the pairs may prove it.
         let found = summary.best.as_ref().map(|best| &best.configuration).filter(|best| *best != default);
@@ -37,7 +37,7 @@ impl Session<'_> {
     }
 
     /// Each run of the pairs is reported.
-    fn pairs(&mut self, candidate: &Configuration, pairs: u32) -> Result<Option<Gain>, Failure> {
+    fn pairs(&mut self, candidate: &Configuration, pairs: u32) -> Result<Option<Gain>> {
         let job = self.job;
         let mut measured = Vec::new();
         'pairs: for pair in 0..pairs {

@@ -10,7 +10,7 @@ use treewright_client::blocking::Client;
 use treewright_client::local::LocalDaemon;
 
 use super::Service;
-use crate::failure::Failure;
+use crate::failure::{Failure, Result};
 use crate::progress;
 
 /// The first pause between two attempts; it doubles with each.
@@ -38,10 +38,7 @@ impl<'a> PatientClient<'a> {
     }
 
     /// Asks until there is an answer, a refusal that stays, or no patience left. The error is the last one.
-    pub(super) fn ask<T, E: Into<Failure>>(
-        &self,
-        mut ask: impl FnMut(&Client) -> Result<T, E>,
-    ) -> Result<T, Failure> {
+    pub(super) fn ask<T, E: Into<Failure>>(&self, mut ask: impl FnMut(&Client) -> Result<T, E>) -> Result<T> {
         let begin = Instant::now();
         let mut pause = FIRST_PAUSE;
         loop {

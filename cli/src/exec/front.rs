@@ -9,7 +9,7 @@ use super::program::Run;
 use super::summary::Summary;
 use super::{Job, Session, is_over};
 use crate::arguments::exec::Exec;
-use crate::failure::Failure;
+use crate::failure::{Failure, Result};
 use crate::show::figure;
 
 /// Runs of a call that does not say how many, where the study has no budget of its own.
@@ -37,7 +37,7 @@ fn planned(exec: &Exec, policy: &Policy) -> u32 {
 impl Job<'_> {
     /// The study's trials of the front so far, and its default, as they are in the present space, of which
     /// this call may know an earlier one.
-    pub(super) fn front(&self, front: Front, exec: &Exec) -> Result<(FrontHistory, Configuration), Failure> {
+    pub(super) fn front(&self, front: Front, exec: &Exec) -> Result<(FrontHistory, Configuration)> {
         let wanted = front.study_name();
         if self.study.display_name != wanted {
             let found = &self.study.display_name;
@@ -56,7 +56,7 @@ impl Job<'_> {
         Ok((FrontHistory::new(front, known, planned(exec, &self.study.policy)), default))
     }
 
-    fn next_in(&self, direction: usize, history: &FrontHistory) -> Result<TrialRecord, Failure> {
+    fn next_in(&self, direction: usize, history: &FrontHistory) -> Result<TrialRecord> {
         let question = history.question(direction, self.question(None));
         self.daemon.ask(|client| client.ask(&self.study.identified_name(), &question))
     }
@@ -69,7 +69,7 @@ impl Session<'_> {
     }
 
     /// The next trial; `None` where there is nothing more to try.
-    pub(super) fn ask(&mut self) -> Result<Option<TrialRecord>, Failure> {
+    pub(super) fn ask(&mut self) -> Result<Option<TrialRecord>> {
         let job = self.job;
         self.carry_over()?;
         let Some(history) = &mut self.front else {
@@ -104,7 +104,7 @@ impl Session<'_> {
 
     /// Takes a run that was reported for the front, and reports it to the other directions. Returns its
     /// measurements in words.
-    pub(super) fn learn(&mut self, trial: &TrialRecord) -> Result<Option<String>, Failure> {
+    pub(super) fn learn(&mut self, trial: &TrialRecord) -> Result<Option<String>> {
         let Some(history) = &mut self.front else { return Ok(None) };
         let stored = self.job.daemon.ask(|client| client.trial(&trial.name))?;
         let shown =
@@ -116,7 +116,7 @@ impl Session<'_> {
     }
 
     /// Reports runs for the directions that do not know of them. None of these trials is a run.
-    fn carry_over(&mut self) -> Result<(), Failure> {
+    fn carry_over(&mut self) -> Result<()> {
         let Some(history) = &mut self.front else { return Ok(()) };
         let daemon = &self.job.daemon;
         for (question, measured, outcome) in history.owed() {

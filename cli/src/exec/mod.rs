@@ -30,7 +30,7 @@ use treewright_client::{
 };
 
 use crate::arguments::exec::Exec;
-use crate::failure::Failure;
+use crate::failure::{Failure, Result};
 use crate::output::either;
 use crate::progress::{self, Progress};
 use crate::study_file::find::find_or_create;
@@ -202,7 +202,7 @@ fn needed(spec: &StudySpec, front: Option<&Front>) -> Vec<ObjectiveTerm> {
 }
 
 /// Whether all that is minimised or limited can be measured at all.
-fn check_metrics(runner: &Runner, spec: &StudySpec, front: Option<&Front>) -> Result<(), Failure> {
+fn check_metrics(runner: &Runner, spec: &StudySpec, front: Option<&Front>) -> Result<()> {
     let is_taken = |metric: &str| metric == "wall_ms" || metric == "cpu_ms";
     match runner.wanted.terms.iter().find(|term| !is_taken(&term.metric)) {
         Some(term) if runner.metric == MetricSource::Time => Err(Failure::Usage(format!(
@@ -247,7 +247,7 @@ impl Job<'_> {
         only_wall_time(self.spec).filter(|_| self.runner.prints_time.get() == Some(false))
     }
 
-    fn next(&self, wanted: Option<&Configuration>) -> Result<TrialRecord, Failure> {
+    fn next(&self, wanted: Option<&Configuration>) -> Result<TrialRecord> {
         self.daemon.ask(|client| client.ask(&self.study.identified_name(), &self.question(wanted)))
     }
 
@@ -261,7 +261,7 @@ impl Job<'_> {
         levels.find(|level| Some(&level.name) == trial.fidelity.as_ref()).map_or(1.0, |level| level.cost)
     }
 
-    fn run(&self, trial: &TrialRecord) -> Result<Run, Failure> {
+    fn run(&self, trial: &TrialRecord) -> Result<Run> {
         let command = self.command(trial);
         let abort_after = match (trial.abort_above, self.stops_by()) {
             (Some(cost), Some(weight)) => Some(Duration::from_secs_f64((cost / weight / 1e3).min(1e9))),
@@ -299,12 +299,7 @@ impl Job<'_> {
 
     /// Reports a result. A finished run is not lost: where the daemon does not come back, the error says how
     /// to hand it in.
-    fn tell(
-        &self,
-        trial: &TrialRecord,
-        measured: &Measurements,
-        outcome: &Outcome,
-    ) -> Result<TrialRecord, Failure> {
+    fn tell(&self, trial: &TrialRecord, measured: &Measurements, outcome: &Outcome) -> Result<TrialRecord> {
         let reported = self.daemon.ask(|client| client.tell(&trial.name, measured, outcome));
         if matches!(&reported, Err(Failure::Client(problem)) if problem.may_pass()) {
             let numbers: Vec<_> = measured.iter().map(|(name, value)| format!("{name}={value}")).collect();
@@ -343,7 +338,7 @@ impl Job<'_> {
 }
 
 impl Session<'_> {
-    fn tune(&mut self, exec: &Exec, summary: &mut Summary) -> Result<(), Failure> {
+    fn tune(&mut self, exec: &Exec, summary: &mut Summary) -> Result<()> {
         self.search(exec, summary)?;
         if self.front.is_some() {
             return Ok(());
@@ -358,7 +353,7 @@ impl Session<'_> {
         Ok(())
     }
 
-    fn search(&mut self, exec: &Exec, summary: &mut Summary) -> Result<(), Failure> {
+    fn search(&mut self, exec: &Exec, summary: &mut Summary) -> Result<()> {
         let spec = self.job.spec;
         let mut progress = Progress::new(self.most(exec), summary::objective(spec), spec.objective.view());
         loop {
@@ -415,7 +410,7 @@ impl Session<'_> {
         self.job.runner.stop.load(Ordering::Relaxed)
     }
 
-    fn step(&mut self, trial: &TrialRecord) -> Result<Step, Failure> {
+    fn step(&mut self, trial: &TrialRecord) -> Result<Step> {
         let job = self.job;
         let is_first_default = self.own.is_empty() && trial.configuration == job.default;
         let mut ran = job.run(trial);
@@ -479,7 +474,7 @@ impl Session<'_> {
 
     /// A run that failed: chance the first time; the configuration's fault where it fails again and never
     /// worked, while others do.
-    fn failed(&mut self, trial: &TrialRecord, reason: String, said: &str) -> Result<Step, Failure> {
+    fn failed(&mut self, trial: &TrialRecord, reason: String, said: &str) -> Result<Step> {
         let works = self.own.has_worked(&trial.configuration);
         let is_unusable =
             !works && self.own.failed(&trial.configuration) >= FAILURES_MAX && !self.own.is_empty();

@@ -6,14 +6,10 @@ use treewright_client::StudyRecord;
 use treewright_client::blocking::Client;
 
 use super::StudyFile;
-use crate::failure::Failure;
+use crate::failure::{Failure, Result};
 
 /// A study by its id, or by a file that describes it, from which it is created where there is none.
-pub(crate) fn find_or_create(
-    client: &Client,
-    study: &str,
-    inline: Option<StudyFile>,
-) -> Result<StudyRecord, Failure> {
+pub(crate) fn find_or_create(client: &Client, study: &str, inline: Option<StudyFile>) -> Result<StudyRecord> {
     if let Some(file) = inline {
         return Ok(client.create_study(study, &file.spec()?)?);
     }
@@ -35,7 +31,7 @@ pub(crate) fn find_or_create(
 }
 
 /// The id of a study in a file: as said, as in the file, or as the file is called.
-pub(crate) fn id_of(file: &StudyFile, path: &Path, said: Option<&str>) -> Result<String, Failure> {
+pub(crate) fn id_of(file: &StudyFile, path: &Path, said: Option<&str>) -> Result<String> {
     let stem = || path.file_stem().map(|stem| stem.to_string_lossy().into_owned());
     let id = said.map(str::to_owned).or_else(|| file.id.clone()).or_else(stem).unwrap_or_default();
     if path == Path::new("-") && said.is_none() && file.id.is_none() {

@@ -19,7 +19,7 @@ use treewright_client::{
     Condition, Constraint, Domain, Parameter, Scale, Space, StudyRecord, StudySpec, Value,
 };
 
-use crate::failure::Failure;
+use crate::failure::{Failure, Result};
 use policy::policy_entries;
 
 pub(crate) use inline::{FidelityEntry, LimitEntry};
@@ -97,7 +97,7 @@ impl From<u64> for Seed {
 }
 
 impl Seed {
-    fn number(&self) -> Result<u64, Failure> {
+    fn number(&self) -> Result<u64> {
         match self {
             Self::Number(number) => Ok(*number),
             Self::Text(text) => text
@@ -294,7 +294,7 @@ pub(crate) enum Language {
 
 impl StudyFile {
     /// Reads a file; `-` is standard input.
-    pub(crate) fn read(path: &Path) -> Result<Self, Failure> {
+    pub(crate) fn read(path: &Path) -> Result<Self> {
         let text = crate::files::read_text(path)?;
         let is_json = path.extension().is_some_and(|extension| extension == "json")
             || text.trim_start().starts_with('{');
@@ -311,7 +311,7 @@ impl StudyFile {
     }
 
     /// As text that [`StudyFile::parse`] reads.
-    pub(crate) fn write(&self, language: Language) -> Result<String, Failure> {
+    pub(crate) fn write(&self, language: Language) -> Result<String> {
         match language {
             Language::Toml => {
                 toml::to_string(self).map_err(|error| Failure::Data(format!("as TOML: {error}")))
@@ -321,7 +321,7 @@ impl StudyFile {
     }
 
     /// The specification that the file describes.
-    pub(crate) fn spec(&self) -> Result<StudySpec, Failure> {
+    pub(crate) fn spec(&self) -> Result<StudySpec> {
         let parameters = self.parameters.iter().map(|entry| entry.parameter(&self.parameters));
         let mut space = Space::builder();
         for parameter in parameters {
@@ -373,7 +373,7 @@ impl StudyFile {
     }
 
     /// The file that describes a stored study.
-    pub(crate) fn of(study: &StudyRecord) -> Result<Self, Failure> {
+    pub(crate) fn of(study: &StudyRecord) -> Result<Self> {
         let spec = study.spec()?;
         let mut file = Self::of_spec(spec);
         file.id = Some(study.id().to_owned());

@@ -5,11 +5,11 @@ use std::collections::BTreeMap;
 use treewright_client::{Configuration, Policy};
 
 use super::{PRESET, ParameterEntry, Plain, PolicyEntry, StudyFile};
-use crate::failure::Failure;
+use crate::failure::{Failure, Result};
 
 impl StudyFile {
     /// The policy as its entries say it.
-    pub(super) fn policy_settings(&self) -> Result<Policy, Failure> {
+    pub(super) fn policy_settings(&self) -> Result<Policy> {
         let mut policy = Policy::new();
         if let Some(PolicyEntry::Value(name)) = self.policy.get(PRESET) {
             policy = Policy::preset(&name.value(false).to_string())
@@ -41,7 +41,7 @@ impl StudyFile {
 }
 
 /// The fields of a policy that are not as the daemon would have them anyway.
-pub(super) fn policy_entries(policy: &Policy) -> Result<BTreeMap<String, PolicyEntry>, Failure> {
+pub(super) fn policy_entries(policy: &Policy) -> Result<BTreeMap<String, PolicyEntry>> {
     let mut entries = BTreeMap::new();
     let serde_json::Value::Object(values) = serde_json::to_value(policy)? else {
         return Err(Failure::Data("a policy is no object".into()));

@@ -21,10 +21,10 @@ use self::messages::{
 };
 use super::CarriedTrial;
 use super::foreign::{Foreign, METRIC, check_names, json_of, our_name, read_with};
-use crate::failure::Failure;
+use crate::failure::Result;
 
 /// Reads a study by its whole name, `owners/OWNER/studies/STUDY`, or by the last part of it.
-pub(crate) fn read(path: &Path, name: &str) -> Result<Foreign, Failure> {
+pub(crate) fn read(path: &Path, name: &str) -> Result<Foreign> {
     read_with(path, read_study(path, name))
 }
 
