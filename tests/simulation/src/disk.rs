@@ -21,8 +21,8 @@ use treewright_core::study::StudySpec;
 use treewright_core::trial::RawTrial;
 use treewright_core::tuner::Checkpoint;
 use treewright_store::{
-    ClosedTrial, Created, Fence, Loaded, MemoryStore, Receipt, Store, StoreError, StudyRecord, StudyWrite,
-    TrialPage, TrialQuery,
+    ClosedTrial, Created, Fence, Loaded, MemoryStore, Receipt, Result, Store, StoreError, StudyRecord,
+    StudyWrite, TrialPage, TrialQuery,
 };
 
 use crate::claims::{Known, lock};
@@ -36,7 +36,7 @@ const QUEUE: usize = 1024;
 /// The planted lost wake-up strikes one write of this number.
 const FORGOTTEN: u32 = 500;
 
-type Answer = oneshot::Sender<Result<(), StoreError>>;
+type Answer = oneshot::Sender<Result<()>>;
 
 /// A write under a fence of the durable store.
 type Write = Box<dyn Fn(&MemoryStore, &Fence) -> Receipt + Send>;
@@ -95,7 +95,7 @@ impl SimulatedDisk {
         }
     }
 
-    async fn barrier(&self) -> Result<(), StoreError> {
+    async fn barrier(&self) -> Result<()> {
         let (answer, answered) = oneshot::channel();
         self.enqueue(Job { write: None, is_commit: false, answer });
         answered.await.unwrap_or(Err(StoreError::Closed))
@@ -103,14 +103,14 @@ impl SimulatedDisk {
 
     /// The durable store's fence behind one that this machine was given, as long as it was given no later
     /// one.
-    fn behind(&self, fence: &Fence) -> Result<Fence, StoreError> {
+    fn behind(&self, fence: &Fence) -> Result<Fence> {
         let fences = lock(&self.fences);
         let found = fences.get(fence.study()).filter(|(own, _)| own.is_same(fence));
         let found = found.map(|(_, durable)| durable.clone());
         found.ok_or_else(|| StoreError::Fenced(fence.study().to_owned()))
     }
 
-    async fn read(&self) -> Result<(), StoreError> {
+    async fn read(&self) -> Result<()> {
         sleep(self.world.time_ms(self.world.plan.write_ms * 0.2)).await;
         self.world.awake(self.replica).await;
         if !self.alive.load(Ordering::SeqCst) {
@@ -245,18 +245,18 @@ impl Writer {
     }
 
     /// Applies a transaction, job by job; each has its own result.
-    fn apply(&self, group: Vec<Job>) -> Vec<(Answer, Result<(), StoreError>)> {
+    fn apply(&self, group: Vec<Job>) -> Vec<(Answer, Result<()>)> {
         group.into_iter().map(|job| self.apply_one(job)).collect()
     }
 
-    fn apply_one(&self, job: Job) -> (Answer, Result<(), StoreError>) {
+    fn apply_one(&self, job: Job) -> (Answer, Result<()>) {
         let result = job.write.map_or(Ok(()), |(fence, write)| self.under(&fence, &write));
         (job.answer, result)
     }
 
     /// Writes under the durable fence that belongs to the machine's. Where it no longer holds, another
     /// machine has taken the study, and the machine's fence breaks too.
-    fn under(&self, fence: &Fence, write: &Write) -> Result<(), StoreError> {
+    fn under(&self, fence: &Fence, write: &Write) -> Result<()> {
         let store: &MemoryStore = &self.durable.store;
         let write = |durable: &Fence| now(write(store, durable).durable());
         let fences = lock(&self.fences);
@@ -290,42 +290,37 @@ fn acknowledge_early(group: &mut [Job]) {
 
 #[async_trait]
 impl Store for SimulatedDisk {
-    async fn create_study(&self, id: &str, spec: &StudySpec, now_ms: i64) -> Result<Created, StoreError> {
+    async fn create_study(&self, id: &str, spec: &StudySpec, now_ms: i64) -> Result<Created> {
         self.barrier().await?;
         self.durable.store.create_study(id, spec, now_ms).await
     }
 
-    async fn get_study(&self, study: &str) -> Result<StudyRecord, StoreError> {
+    async fn get_study(&self, study: &str) -> Result<StudyRecord> {
         self.read().await?;
         self.durable.store.get_study(study).await
     }
 
-    async fn list_studies(&self, after: Option<&str>, size: u32) -> Result<Vec<StudyRecord>, StoreError> {
+    async fn list_studies(&self, after: Option<&str>, size: u32) -> Result<Vec<StudyRecord>> {
         self.read().await?;
         self.durable.store.list_studies(after, size).await
     }
 
-    async fn delete_study(&self, study: &str, uid: Option<StudyUid>) -> Result<(), StoreError> {
+    async fn delete_study(&self, study: &str, uid: Option<StudyUid>) -> Result<()> {
         self.barrier().await?;
         self.durable.store.delete_study(study, uid).await
     }
 
-    async fn find_study(&self, uid: StudyUid) -> Result<Option<String>, StoreError> {
+    async fn find_study(&self, uid: StudyUid) -> Result<Option<String>> {
         self.read().await?;
         self.durable.store.find_study(uid).await
     }
 
-    async fn rename_study(
-        &self,
-        study: &str,
-        uid: Option<StudyUid>,
-        to: &str,
-    ) -> Result<StudyRecord, StoreError> {
+    async fn rename_study(&self, study: &str, uid: Option<StudyUid>, to: &str) -> Result<StudyRecord> {
         self.barrier().await?;
         self.durable.store.rename_study(study, uid, to).await
     }
 
-    async fn load(&self, study: &str) -> Result<Loaded, StoreError> {
+    async fn load(&self, study: &str) -> Result<Loaded> {
         let elsewhere =
             |replica| StoreError::Elsewhere { study: study.to_owned(), address: address(replica) };
         if let Some(holder) = self.known.holder(study) {
@@ -358,17 +353,12 @@ impl Store for SimulatedDisk {
         receipt
     }
 
-    async fn completed_trials(
-        &self,
-        fence: &Fence,
-        after: u64,
-        size: u32,
-    ) -> Result<Vec<RawTrial>, StoreError> {
+    async fn completed_trials(&self, fence: &Fence, after: u64, size: u32) -> Result<Vec<RawTrial>> {
         self.read().await?;
         self.durable.store.completed_trials(&self.behind(fence)?, after, size).await
     }
 
-    async fn save_checkpoint(&self, fence: &Fence, checkpoint: &Checkpoint) -> Result<(), StoreError> {
+    async fn save_checkpoint(&self, fence: &Fence, checkpoint: &Checkpoint) -> Result<()> {
         sleep(self.world.time_ms(self.world.plan.write_ms)).await;
         self.read().await?;
         self.world.count(|counts| counts.checkpoints += 1);
@@ -383,12 +373,12 @@ impl Store for SimulatedDisk {
         after: u64,
         up_to: u64,
         size: u32,
-    ) -> Result<Vec<ClosedTrial>, StoreError> {
+    ) -> Result<Vec<ClosedTrial>> {
         self.read().await?;
         self.durable.store.closed_trials(&self.behind(fence)?, after, up_to, size).await
     }
 
-    async fn remove_trials(&self, fence: &Fence, numbers: &[u64], covered: u64) -> Result<u64, StoreError> {
+    async fn remove_trials(&self, fence: &Fence, numbers: &[u64], covered: u64) -> Result<u64> {
         sleep(self.world.time_ms(self.world.plan.write_ms)).await;
         self.read().await?;
         let behind = self.behind(fence)?;
@@ -402,17 +392,17 @@ impl Store for SimulatedDisk {
         Ok(removed)
     }
 
-    async fn get_trial(&self, study: &str, number: u64) -> Result<RawTrial, StoreError> {
+    async fn get_trial(&self, study: &str, number: u64) -> Result<RawTrial> {
         self.read().await?;
         self.durable.store.get_trial(study, number).await
     }
 
-    async fn query_trials(&self, study: &str, query: &TrialQuery) -> Result<TrialPage, StoreError> {
+    async fn query_trials(&self, study: &str, query: &TrialQuery) -> Result<TrialPage> {
         self.read().await?;
         self.durable.store.query_trials(study, query).await
     }
 
-    async fn studies_with_due_leases(&self, now_ms: i64) -> Result<Vec<String>, StoreError> {
+    async fn studies_with_due_leases(&self, now_ms: i64) -> Result<Vec<String>> {
         self.read().await?;
         self.durable.store.studies_with_due_leases(now_ms).await
     }
