@@ -372,15 +372,9 @@ impl Store for MemoryStore {
         Ok(())
     }
 
-    async fn closed_trials(
-        &self,
-        fence: &Fence,
-        after: u64,
-        up_to: u64,
-        size: u32,
-    ) -> Result<Vec<ClosedTrial>> {
+    async fn closed_trials(&self, fence: &Fence, after: u64, to: u64, size: u32) -> Result<Vec<ClosedTrial>> {
         let inner = self.lock()?;
-        let found = inner.study(fence.study())?.trials.range(after + 1..up_to.max(after) + 1);
+        let found = inner.study(fence.study())?.trials.range(after + 1..to.max(after) + 1);
         let closed = found.map(|(_, trial)| trial).filter(|trial| trial.state != TrialState::Open);
         let closed = closed.map(|trial| ClosedTrial { number: trial.number, completion: trial.completion });
         Ok(closed.take(size as usize).collect())

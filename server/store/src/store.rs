@@ -236,15 +236,9 @@ pub trait Store: Send + Sync + 'static {
     /// only saves time.
     async fn save_checkpoint(&self, fence: &Fence, checkpoint: &Checkpoint) -> Result<()>;
 
-    /// The trials behind `after` and up to `up_to` that are not open, by rising number, at most `size` of
+    /// The trials behind `after` and up to `to` that are not open, by rising number, at most `size` of
     /// them.
-    async fn closed_trials(
-        &self,
-        fence: &Fence,
-        after: u64,
-        up_to: u64,
-        size: u32,
-    ) -> Result<Vec<ClosedTrial>>;
+    async fn closed_trials(&self, fence: &Fence, after: u64, to: u64, size: u32) -> Result<Vec<ClosedTrial>>;
 
     /// Removes trials for good, and returns their number. Open trials stay, and so do those completed after
     /// the completion `covered`: an expired trial may have been reported since the caller looked. The trial

@@ -367,15 +367,9 @@ impl Store for SimulatedDisk {
         Ok(())
     }
 
-    async fn closed_trials(
-        &self,
-        fence: &Fence,
-        after: u64,
-        up_to: u64,
-        size: u32,
-    ) -> Result<Vec<ClosedTrial>> {
+    async fn closed_trials(&self, fence: &Fence, after: u64, to: u64, size: u32) -> Result<Vec<ClosedTrial>> {
         self.read().await?;
-        self.durable.store.closed_trials(&self.behind(fence)?, after, up_to, size).await
+        self.durable.store.closed_trials(&self.behind(fence)?, after, to, size).await
     }
 
     async fn remove_trials(&self, fence: &Fence, numbers: &[u64], covered: u64) -> Result<u64> {

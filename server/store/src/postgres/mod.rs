@@ -261,14 +261,8 @@ impl Store for PostgresStore {
         Ok(())
     }
 
-    async fn closed_trials(
-        &self,
-        fence: &Fence,
-        after: u64,
-        up_to: u64,
-        size: u32,
-    ) -> Result<Vec<ClosedTrial>> {
-        let read = in_time(read::closed(&mut *self.reader().await?, fence, after, up_to, size)).await;
+    async fn closed_trials(&self, fence: &Fence, after: u64, to: u64, size: u32) -> Result<Vec<ClosedTrial>> {
+        let read = in_time(read::closed(&mut *self.reader().await?, fence, after, to, size)).await;
         read.map_err(|error| error.in_study(fence.study()))
     }
 
