@@ -29,12 +29,8 @@ pub(crate) struct Template {
 enum Piece {
     Text(String),
     Value(String),
-    Choice {
-        name: String,
-        yes: String,
-        no: String,
-    },
-    /// The name of a cheaper level, or else this text.
+    Choice { name: String, yes: String, no: String },
+    // The name of a cheaper level, or else this text.
     Level(String),
 }
 

@@ -157,23 +157,13 @@ impl Rows {
 /// A change of one study, as rows and texts.
 pub(crate) enum StudyChange {
     Commit(Rows),
-    /// The specification and the policy of a study that keeps its space.
-    Study {
-        specification: String,
-        policy: String,
-        models_since: i64,
-    },
-    /// The specification and the policy of a changed space.
-    Space {
-        specification: String,
-        policy: String,
-    },
-    /// The reason for which a completed trial is excluded; none where it counts.
-    Exclude {
-        number: i64,
-        reason: Option<String>,
-    },
-    /// A part of a checkpoint. Its failure breaks no fence.
+    // The specification and the policy of a study that keeps its space.
+    Study { specification: String, policy: String, models_since: i64 },
+    // The specification and the policy of a changed space.
+    Space { specification: String, policy: String },
+    // The reason for which a completed trial is excluded; none where it counts.
+    Exclude { number: i64, reason: Option<String> },
+    // A part of a checkpoint. Its failure breaks no fence.
     Part(PartRow),
 }
 

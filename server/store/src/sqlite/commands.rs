@@ -18,34 +18,14 @@ use crate::rows::{self, StudyChange, one_at_most};
 use crate::store::Created;
 
 pub(super) enum WriteCommand {
-    Create {
-        id: String,
-        spec: Box<StudySpec>,
-        now_ms: i64,
-    },
-    Delete {
-        study: String,
-        uid: Option<StudyUid>,
-    },
-    Rename {
-        study: String,
-        uid: Option<StudyUid>,
-        to: String,
-    },
-    /// Breaks the study's fence and sets up a new one.
-    Fence {
-        study: String,
-    },
-    Change {
-        fence: Fence,
-        change: StudyChange,
-    },
-    /// Removes closed trials: a JSON list of numbers. Its failure breaks no fence.
-    Remove {
-        fence: Fence,
-        numbers: String,
-        covered: i64,
-    },
+    Create { id: String, spec: Box<StudySpec>, now_ms: i64 },
+    Delete { study: String, uid: Option<StudyUid> },
+    Rename { study: String, uid: Option<StudyUid>, to: String },
+    // Breaks the study's fence and sets up a new one.
+    Fence { study: String },
+    Change { fence: Fence, change: StudyChange },
+    // Removes closed trials: a JSON list of numbers. Its failure breaks no fence.
+    Remove { fence: Fence, numbers: String, covered: i64 },
 }
 
 pub(super) enum WriteResult {
