@@ -127,10 +127,8 @@ impl FrontLoop {
         outcome: &Outcome,
     ) -> Result<(), ClientError> {
         let mut runs = lock(&self.runs);
-        let measured = match outcome {
-            Outcome::Ok => runs.history.with_cost(trial, measured)?,
-            _ => measured,
-        };
+        let measured =
+            if *outcome == Outcome::Ok { runs.history.with_cost(trial, measured)? } else { measured };
         let (stored, _) = self.client.tell(&trial.name, &measured, outcome)?;
         runs.history.push(stored);
         runs.left = runs.left.saturating_sub(1);

@@ -224,10 +224,7 @@ impl Standing {
         let Confirmation { rounds, rounds_max, measurements, gain, .. } = self.confirmation;
         let verdict = self.verdict();
         let mut text = verdict.in_words().to_owned();
-        let shown = match verdict {
-            StandingVerdict::Proven => gain,
-            _ => self.gain,
-        };
+        let shown = if verdict == StandingVerdict::Proven { gain } else { self.gain };
         let probability = shown.and_then(|gain| gain.probability_better);
         match (verdict, probability) {
             (StandingVerdict::Proven, _) => text += &format!(" in {rounds} paired rounds"),

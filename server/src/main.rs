@@ -13,10 +13,7 @@ use treewright_server::{administration, daemon, inherited, maintenance, manual, 
 use treewright_store::maintenance::MaintenanceError;
 
 fn main() -> ExitCode {
-    let command = match Cli::read(std::env::args_os()) {
-        Ok(cli) => cli.command,
-        Err(error) => error.exit(),
-    };
+    let command = Cli::read(std::env::args_os()).unwrap_or_else(|error| error.exit()).command;
     if let Command::Serve(config) = &command
         && config.idle_exit().is_some()
     {

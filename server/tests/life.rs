@@ -205,11 +205,7 @@ async fn figures_follow_what_happens_and_readiness_follows_the_database() {
         assert!(value(&text, figure).is_some_and(|value| value >= 1.0), "{figure} in\n{text}");
     }
     let failures = "treewright_refusals_total{reason=\"store\"}";
-    assert_eq!(
-        value(&text, failures),
-        Some(0.0),
-        "a question for what is not there is no failure of the database"
-    );
+    assert_eq!(value(&text, failures), Some(0.0), "what is not there is no failure of the database");
     assert_eq!(value(&text, "treewright_store_queue "), Some(0.0));
     assert_eq!(value(&text, "treewright_draining "), Some(0.0));
     assert!(!text.contains("hall"), "no study is named");

@@ -93,10 +93,8 @@ async fn every_outcome_is_taken() {
             ..wire::ReportRequest::default()
         };
         let stored = client.report(request).await.unwrap().into_inner().trial.unwrap();
-        let bound = match &kind {
-            outcome::Kind::Aborted(aborted) => Some(aborted.lower_bound),
-            _ => None,
-        };
+        let bound =
+            if let outcome::Kind::Aborted(aborted) = &kind { Some(aborted.lower_bound) } else { None };
         assert_eq!(stored.cost, bound);
         assert_eq!(stored.outcome.unwrap().kind, Some(kind));
     }

@@ -114,10 +114,7 @@ fn clone(client: &Client, copy: &CloneStudy) -> Result<Tally> {
     if let Ok(there) = client.get_study(&copy.to) {
         return Err(Failure::Data(format!("{} already exists; choose another id", there.name)));
     }
-    let mut file = match &copy.spec {
-        Some(path) => StudyFile::read(path)?,
-        None => StudyFile::of(&original)?,
-    };
+    let mut file = copy.spec.as_deref().map_or_else(|| StudyFile::of(&original), StudyFile::read)?;
     file.id = None;
     create_with_trials(client, &copy.to, file.spec()?, |target| {
         if copy.no_trials {

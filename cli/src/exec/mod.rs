@@ -371,10 +371,7 @@ impl Session<'_> {
                 Err(problem) => return Err(problem),
             };
             let step = self.step(&trial)?;
-            let learnt = match step {
-                Step::Stopped => Ok(None),
-                _ => self.learn(&trial),
-            };
+            let learnt = if matches!(step, Step::Stopped) { Ok(None) } else { self.learn(&trial) };
             let learnt = match learnt {
                 Err(_) if self.is_stopped() => None,
                 learnt => learnt?,

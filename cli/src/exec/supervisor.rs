@@ -65,10 +65,7 @@ pub(crate) fn run_if_asked() -> Option<ExitCode> {
     }
     let mut command = Command::new(arguments.next()?);
     command.args(arguments);
-    Some(match supervise(command) {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(_) => ExitCode::FAILURE,
-    })
+    Some(supervise(command).map_or(ExitCode::FAILURE, |()| ExitCode::SUCCESS))
 }
 
 fn supervise(mut command: Command) -> Result<(), std::io::Error> {

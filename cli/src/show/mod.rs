@@ -187,10 +187,8 @@ pub(crate) fn trials(trials: &[TrialRecord], limit: usize, is_by_number: bool, v
     let mut table = table(&header, &[0, 1, 4]);
     for trial in trials {
         // Of a completed trial the outcome says more than that it is complete.
-        let ended = match &trial.outcome {
-            Some(ended) => outcome(ended, view),
-            None => trial.state.to_string(),
-        };
+        let ended =
+            trial.outcome.as_ref().map_or_else(|| trial.state.to_string(), |ended| outcome(ended, view));
         table.add_row([
             trial.number().map_or_else(|| trial.name.clone(), |number| number.to_string()),
             trial.state_id.to_string(),

@@ -58,11 +58,7 @@ fn a_front_is_tuned_and_every_direction_knows_every_run() {
     assert!(again.contains(shown.trim_end()), "{shown}\n{again}");
     let drawn = std::fs::read_to_string(&file).expect("a figure");
     std::fs::remove_file(&file).expect("it is there");
-    assert_eq!(
-        drawn.matches("<title>").count(),
-        1 + 12 + 1,
-        "its own, every configuration, and the default marked"
-    );
+    assert_eq!(drawn.matches("<title>").count(), 1 + 12 + 1, "its own, all configurations, the default");
     assert!(
         drawn.contains("time_ms (lower is better), logarithmic") && drawn.contains(">default<"),
         "{drawn}"

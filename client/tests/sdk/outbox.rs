@@ -98,11 +98,7 @@ async fn a_suggestion_waits_for_the_report_of_the_trial_before() {
     let asked = fake.book().count("Suggest");
     first.report(measured(1.0), Outcome::Ok).unwrap();
     assert_eq!(study.suggest(&state(1)).await.source(), Source::LastGood);
-    assert_eq!(
-        fake.book().count("Suggest"),
-        asked,
-        "the question was not sent before the report had arrived"
-    );
+    assert_eq!(fake.book().count("Suggest"), asked, "the question waits for the report");
     fake.hold(Hold::Nothing);
     until("the report arrives and the question after it", || fake.book().trials.len() == 2).await;
     assert_eq!(fake.book().trials[0].state(), TrialState::Completed);

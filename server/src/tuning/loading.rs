@@ -63,10 +63,7 @@ pub(super) async fn load(store: &dyn Store, study: &str, now_ms: i64) -> Result<
 async fn read(store: &dyn Store, loaded: Loaded, now_ms: i64) -> Result<Read> {
     let Loaded { fence, study: record, snapshot, mut open_trials, checkpoint } = loaded;
     let study = fence.study().to_owned();
-    debug_assert!(
-        open_trials.iter().all(|trial| trial.state == TrialState::Open),
-        "only these are under lease"
-    );
+    debug_assert!(open_trials.iter().all(|trial| trial.state == TrialState::Open), "only these are leased");
     // A lease from before the clock was set back must not last until that time comes again.
     for trial in &mut open_trials {
         let lease_ms = trial.lease_expire_ms.saturating_sub(trial.create_ms);

@@ -168,10 +168,7 @@ mod tests {
                 assert!(left >= KEEP && stored(store, "state = OPEN").await == 0);
                 let after = tuning.get_study("hall").await.expect("there").statistics;
                 assert_eq!((after.trials, after.completed_trials), (before.trials, before.completed_trials));
-                assert_eq!(
-                    tuning.best(&"hall".into(), None, None, None, 0).await.expect("something").0,
-                    best
-                );
+                assert_eq!(tuning.best(&"hall".into(), None, None, None, 0).await.expect("one").0, best);
                 let name = crate::convert::names::TrialName { study: "hall".into(), number: best.trial };
                 tuning.get_trial(&name).await.expect("the best is always there");
                 tuning = self::tuning(store).await;

@@ -98,10 +98,7 @@ impl StudyRows {
             rise_behind(0, open_trials.iter().map(|trial| trial.number)),
             "open trials come by rising number, from 1"
         );
-        debug_assert!(
-            rise_behind(0, self.states.iter().map(|state| state.id)),
-            "states come by rising id, from 1"
-        );
+        debug_assert!(rise_behind(0, self.states.iter().map(|state| state.id)), "ids rise from 1");
         let snapshot = Snapshot {
             states: self.states,
             visits: self

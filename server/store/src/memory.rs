@@ -419,10 +419,8 @@ impl Store for MemoryStore {
         }
         let more = found.len() > size;
         found.truncate(size);
-        Ok(TrialPage {
-            next: found.last().filter(|_| more).map(|last| query.order.place(last)),
-            trials: found,
-        })
+        let next = found.last().filter(|_| more).map(|last| query.order.place(last));
+        Ok(TrialPage { next, trials: found })
     }
 
     async fn studies_with_due_leases(&self, now_ms: i64) -> Result<Vec<String>> {

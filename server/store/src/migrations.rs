@@ -51,10 +51,7 @@ pub(crate) fn postgres() -> Migrator {
 
 fn migrator(files: &'static [(&'static str, &'static str)]) -> Migrator {
     let migrations: Vec<Migration> = files.iter().copied().map(migration).collect();
-    assert!(
-        (1..).zip(&migrations).all(|(version, one)| one.version == version),
-        "versions rise by one from 1"
-    );
+    assert!((1..).zip(&migrations).all(|(version, one)| one.version == version), "versions rise from 1");
     Migrator { migrations: migrations.into(), ..Migrator::DEFAULT }
 }
 

@@ -43,10 +43,7 @@ pub(in super::super) async fn front(visitor: &Visitor<'_>, id: &str, query: &Que
     let (head, _) = head(visitor, id, "front").await?;
     query.only(&["metrics", "state"])?;
     let metrics = query.text("metrics");
-    let front = match metrics.as_str() {
-        "" => head.front.clone(),
-        some => Some(asked_front(some)?),
-    };
+    let front = if metrics.is_empty() { head.front.clone() } else { Some(asked_front(&metrics)?) };
     let state = asked_state(query, "state", head.states)?;
     let mut page = Page {
         frame: visitor.frame,
