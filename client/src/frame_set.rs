@@ -52,13 +52,8 @@ impl FrameSet {
 
     /// A trial of `frames` frames with a cap of one's own.
     pub fn with_cap(abort_above: Option<f64>, frames: usize) -> Self {
-        Self {
-            planned: frames.max(1),
-            warm_up: 0,
-            abort_above,
-            costs: Vec::new(),
-            stopped_from: f64::INFINITY,
-        }
+        let planned = frames.max(1);
+        Self { planned, warm_up: 0, abort_above, costs: Vec::new(), stopped_from: f64::INFINITY }
     }
 
     /// Plans for more frames than so far, where a frame turns out to cost little beside its preparation.

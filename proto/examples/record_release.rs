@@ -130,12 +130,8 @@ fn indicators() -> std::collections::BTreeMap<String, f64> {
 
 fn suggest(wanted: Option<wire::Configuration>) -> wire::SuggestRequest {
     let software = [("embree".to_owned(), "4.4.0".to_owned())].into();
-    let machine = wire::Fingerprint {
-        cpu_model: "a processor".to_owned(),
-        isa: "avx2".to_owned(),
-        threads: 8,
-        software,
-    };
+    let (cpu_model, isa) = ("a processor".to_owned(), "avx2".to_owned());
+    let machine = wire::Fingerprint { cpu_model, isa, threads: 8, software };
     wire::SuggestRequest {
         study: STUDY.to_owned(),
         client_id: "recorder".to_owned(),

@@ -228,11 +228,8 @@ impl TlsFiles {
     }
 
     fn mismatch(&self, problem: &tokio_rustls::rustls::Error) -> TlsError {
-        TlsError::Mismatch {
-            certificate: self.certificate.clone(),
-            key: self.key.clone(),
-            problem: problem.to_string(),
-        }
+        let (certificate, key) = (self.certificate.clone(), self.key.clone());
+        TlsError::Mismatch { certificate, key, problem: problem.to_string() }
     }
 }
 

@@ -33,11 +33,8 @@ impl Guarded {
         let clock = Arc::new(ManualClock::at(common::START_MS));
         let access = Access::open(Arc::clone(&tokens) as _, Arc::clone(&clock) as _).await.expect("opened");
         let access = Arc::new(access);
-        let options = Options {
-            drain: Duration::from_secs(5),
-            access: Some(Arc::clone(&access)),
-            ..Options::default()
-        };
+        let drain = Duration::from_secs(5);
+        let options = Options { drain, access: Some(Arc::clone(&access)), ..Options::default() };
         let server = Server::with_options(store, clock, options).await;
         Self { server, tokens, access }
     }

@@ -216,11 +216,8 @@ async fn what_is_outside_is_left_out_until_it_is_inside_again() {
     }
     let open = wanted(&mut client, "b", "high").await;
     assert_eq!(changed(&mut client, change(1, of_qualities(&["low"]))).await, (1, 1, 1));
-    assert_refused(
-        client.report(report(&open.name, 1.0)).await,
-        Code::FailedPrecondition,
-        "outside the space",
-    );
+    let late = client.report(report(&open.name, 1.0)).await;
+    assert_refused(late, Code::FailedPrecondition, "outside the space");
     let only = best(&mut client).await;
     assert_eq!((only.cost, only.measurements), (5.0, 1));
     let study = "studies/hall".to_owned();

@@ -262,16 +262,10 @@ async fn a_policy_changes_field_by_field_and_takes_effect() {
             .map(|(name, value)| (name.to_owned(), value))
             .into(),
     };
+    let policy = wire::Policy { pinned: Some(pinned.clone()), lease_s: 5, ..wire::Policy::default() };
+    let name = "studies/hall".to_owned();
     let mut request = wire::UpdateStudyRequest {
-        study: Some(wire::Study {
-            name: "studies/hall".to_owned(),
-            policy: Some(wire::Policy {
-                pinned: Some(pinned.clone()),
-                lease_s: 5,
-                ..wire::Policy::default()
-            }),
-            ..wire::Study::default()
-        }),
+        study: Some(wire::Study { name, policy: Some(policy), ..wire::Study::default() }),
         update_mask: Some(FieldMask { paths: vec!["policy.pinned".to_owned()] }),
     };
     let updated = client.update_study(request.clone()).await.unwrap().into_inner();

@@ -229,12 +229,8 @@ fn what_is_maximised_is_shown_in_its_own_unit() {
     }
     let printed = |command: &[&str]| say(site.url(), command);
     assert!(printed(&["trials", "toy"]).contains("fps (higher is better)"));
-    assert!(
-        printed(&["trials", "toy", "--format", "csv"])
-            .lines()
-            .next()
-            .is_some_and(|head| head.contains("value"))
-    );
+    let table = printed(&["trials", "toy", "--format", "csv"]);
+    assert!(table.lines().next().is_some_and(|head| head.contains("value")));
     assert!(printed(&["best", "toy"]).starts_with("fps (higher is better)"));
     assert!(printed(&["explain", "toy/trials/2"]).contains("fps 80"));
     let best = ask(site.url(), &["best", "toy"]);

@@ -33,12 +33,8 @@ pub(crate) async fn create(client: &mut TuningServiceClient<Channel>, id: &str) 
 /// Asks for a trial in a state.
 pub(crate) fn suggestion(study: &str, client_id: &str, near: f64) -> pb::SuggestRequest {
     let indicators = BTreeMap::from([("near".to_owned(), near), ("far".to_owned(), 0.5)]);
-    pb::SuggestRequest {
-        study: study.into(),
-        client_id: client_id.into(),
-        indicators,
-        ..pb::SuggestRequest::default()
-    }
+    let (study, client_id) = (study.into(), client_id.into());
+    pb::SuggestRequest { study, client_id, indicators, ..pb::SuggestRequest::default() }
 }
 
 /// A configuration as comparable text.

@@ -36,18 +36,13 @@ enum Width {
 
 impl Width {
     fn question(self, number: u64) -> wire::SuggestRequest {
-        let (client, place) = match self {
+        let (client_id, place) = match self {
             Width::States => ("wide".to_owned(), number),
             Width::Clients => (format!("node-{number}"), number % PLACES),
         };
         let digit = |power| (place / PLACES.pow(power) % PLACES) as f64;
         let indicators = (0..3).map(|axis| (format!("at_{axis}"), digit(axis))).collect();
-        wire::SuggestRequest {
-            study: "studies/wide".into(),
-            client_id: client,
-            indicators,
-            ..Default::default()
-        }
+        wire::SuggestRequest { study: "studies/wide".into(), client_id, indicators, ..Default::default() }
     }
 }
 
@@ -59,11 +54,8 @@ fn study() -> wire::Study {
         max: PLACES as f64,
         scale: wire::Scale::Linear as i32,
     };
-    wire::Study {
-        indicators: (0..3).map(indicator).collect(),
-        state_tolerance: Some(0.001),
-        ..leaf_study::study()
-    }
+    let indicators = (0..3).map(indicator).collect();
+    wire::Study { indicators, state_tolerance: Some(0.001), ..leaf_study::study() }
 }
 
 /// Takes numbers until there are none left. How long each frame took, in milliseconds.

@@ -156,12 +156,8 @@ fn specification(spec: &StudySpec) -> String {
         let mut indicators = table(&["indicator", "0 at", "1 at", "scale"], &[1, 2]);
         for indicator in spec.indicators.indicators() {
             let scale = if indicator.scale == Scale::Log { "log" } else { "linear" };
-            indicators.add_row([
-                indicator.name.clone(),
-                figure(indicator.min),
-                figure(indicator.max),
-                scale.to_owned(),
-            ]);
+            let [min, max] = [indicator.min, indicator.max].map(figure);
+            indicators.add_row([indicator.name.clone(), min, max, scale.to_owned()]);
         }
         line(&mut text, &indicators.trim_fmt());
         line(&mut text, &format!("inputs are one state within {}", figure(spec.state_tolerance)));

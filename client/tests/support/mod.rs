@@ -135,11 +135,8 @@ impl Drop for Fake {
 /// Settings with which nothing but a hanging daemon runs into a deadline, however busy the machine is.
 pub fn patient() -> Options {
     let (back_off_min, back_off_max) = (Duration::from_millis(5), Duration::from_millis(40));
-    Options {
-        back_off_min,
-        back_off_max,
-        ..Options::new().client_id("tester").deadline(Duration::from_secs(20))
-    }
+    let options = Options::new().client_id("tester").deadline(Duration::from_secs(20));
+    Options { back_off_min, back_off_max, ..options }
 }
 
 /// Settings with which a hanging daemon is noticed at once.

@@ -157,13 +157,8 @@ mod tests {
 
     fn old(source: &str, step: &str, explanation: Explanation) -> Reason {
         let neighbours = vec![Neighbour { state_id: 3, distance: 0.5, best_cost: 2.0 }];
-        Reason {
-            summary: "As it was.".into(),
-            source: source.into(),
-            step: step.into(),
-            neighbours,
-            explanation,
-        }
+        let (source, step) = (source.into(), step.into());
+        Reason { summary: "As it was.".into(), source, step, neighbours, explanation }
     }
 
     #[test]

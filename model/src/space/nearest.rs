@@ -145,12 +145,8 @@ impl<'a> Hunt<'a> {
                 false => parameter.domain.candidates(&wanted[member], &parameter.default),
             }
         });
-        Hunt {
-            group,
-            partial: Partial::new(space, REPAIR_STEPS_MAX),
-            candidates: candidates.collect(),
-            best: None,
-        }
+        let partial = Partial::new(space, REPAIR_STEPS_MAX);
+        Hunt { group, partial, candidates: candidates.collect(), best: None }
     }
 
     fn descend(&mut self, depth: usize, sum: f64) {

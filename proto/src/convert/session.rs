@@ -11,12 +11,8 @@ pub fn session_policy_to_wire(policy: SessionPolicy) -> Option<v1::SessionPolicy
     // It was checked against a limit far below.
     let trials_per_state = trials_per_state.map(|trials| i32::try_from(trials).unwrap_or(i32::MAX));
     let explore_until = explore_until_ms.map(timestamp_to_wire);
-    (!policy.is_empty()).then_some(v1::SessionPolicy {
-        epsilon,
-        trials_per_state,
-        abort_above,
-        explore_until,
-    })
+    let wire = v1::SessionPolicy { epsilon, trials_per_state, abort_above, explore_until };
+    (!policy.is_empty()).then_some(wire)
 }
 
 /// The policy as sent: a caller validates it before use.

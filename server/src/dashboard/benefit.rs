@@ -50,11 +50,8 @@ impl Benefit {
         let frames = costs.len() as f64;
         let a_day = unit_s * DAY_S / window_s.max(1.0);
         let saved = frames * default.mean - costs.iter().sum::<f64>();
-        Self {
-            saved_s: saved * a_day,
-            variance: (frames * default.error * a_day).powi(2),
-            frames: costs.len(),
-        }
+        let variance = (frames * default.error * a_day).powi(2);
+        Self { saved_s: saved * a_day, variance, frames: costs.len() }
     }
 
     pub(super) fn is_empty(&self) -> bool {

@@ -114,10 +114,8 @@ pub(crate) async fn query(
         trials.extend(is_inside.then_some(answer));
         last = Some(trial);
     }
-    Ok(wire::QueryTrialsResponse {
-        trials,
-        next_page_token: next.map_or_else(String::new, |next| next.token(&question)),
-    })
+    let next_page_token = next.map_or_else(String::new, |next| next.token(&question));
+    Ok(wire::QueryTrialsResponse { trials, next_page_token })
 }
 
 pub(crate) async fn best(call: Call<'_>, request: wire::GetBestRequest) -> Result<wire::Best> {

@@ -205,11 +205,8 @@ pub(super) struct ClosedMark {
 impl Live {
     /// Marks this point. All writes before it are awaited by the mark's receipt.
     pub(super) fn mark(&mut self, store: &dyn Store) -> ClosedMark {
-        ClosedMark {
-            receipt: self.commit(store, &[]),
-            fence: self.fence().clone(),
-            closed_changes: self.closed_changes,
-        }
+        let receipt = self.commit(store, &[]);
+        ClosedMark { receipt, fence: self.fence().clone(), closed_changes: self.closed_changes }
     }
 
     /// Answers a question with a trial that its client can run, or returns its preparation.

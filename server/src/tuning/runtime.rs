@@ -138,13 +138,9 @@ impl Live {
         debug_assert!(next_ms.is_none_or(|next_ms| next_ms >= now_ms), "{next_ms:?} is over at {now_ms}");
         debug_assert!(change.trials.iter().all(|trial| trial.state != TrialState::Open), "a lease goes on");
         self.metrics.expired(change.trials.len());
+        let study = self.fence.study();
         for trial in &change.trials {
-            tracing::info!(
-                study = self.fence.study(),
-                trial = trial.number,
-                client = trial.client_id,
-                "lease expired"
-            );
+            tracing::info!(study, trial = trial.number, client = trial.client_id, "lease expired");
         }
         if !change.is_empty() {
             // A configuration that is given up completes its trial, whose lease ran out like any other.

@@ -35,13 +35,8 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 
 impl SharedState {
     pub(super) fn new(database: PostgresAddress, advertised: String, me: i32) -> Self {
-        Self {
-            database,
-            advertised,
-            me: AtomicI32::new(me),
-            fences: Mutex::default(),
-            owners: Mutex::default(),
-        }
+        let me = AtomicI32::new(me);
+        Self { database, advertised, me, fences: Mutex::default(), owners: Mutex::default() }
     }
 
     pub(super) fn me(&self) -> i32 {
