@@ -54,13 +54,8 @@ impl MiddlewareLayer {
         replica_key: Option<ReplicaKey>,
         refusals: Refusals,
     ) -> Result<Self, getrandom::Error> {
-        let shared = MiddlewareState {
-            access,
-            replica_key,
-            refusals,
-            process: getrandom::u32()?,
-            requests: AtomicU64::new(0),
-        };
+        let (process, requests) = (getrandom::u32()?, AtomicU64::new(0));
+        let shared = MiddlewareState { access, replica_key, refusals, process, requests };
         Ok(Self { shared: Arc::new(shared) })
     }
 }

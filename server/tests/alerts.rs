@@ -120,7 +120,7 @@ fn events() -> Vec<Event> {
         let fires = NOON + fires.start..NOON + fires.end;
         Event { alert, series, begins: NOON, fires, margin }
     };
-    let level_for = |series: &'static str, usual, minutes, value| {
+    let held = |series: &'static str, usual, minutes, value| {
         vec![(series, between(level(usual), NOON, NOON + minutes, value))]
     };
     let more_for = |series: &'static str, usual, minutes, per_minute| {
@@ -142,7 +142,7 @@ fn events() -> Vec<Event> {
     let later = between(level(3600.0), 3 * DAY, 5 * DAY, 3.0 * DAY_S);
     let backups = vec![("treewright_last_backup_seconds", between(later, 5 * DAY, WEEK + 1, 5.0 * DAY_S))];
     vec![
-        event("TreewrightDown", level_for("up{", 1.0, 30, 0.0), 2..30, 1),
+        event("TreewrightDown", held("up{", 1.0, 30, 0.0), 2..30, 1),
         event("TreewrightStoreSlow", vec![slow("le=\"0.05\""), slow("le=\"0.2\"")], 15..60, 10),
         event("TreewrightStoreFails", refused("reason=\"store\"", 3.0, 30), 7..30, 7),
         event("TreewrightConnectionsFull", refused("reason=\"made_room\"", 60.0, 60), 12..60, 7),
@@ -150,17 +150,12 @@ fn events() -> Vec<Event> {
         event("TreewrightLeasesExpire", expired, 30..120, 16),
         // The first one of all.
         event("TreewrightDefect", refused("reason=\"defect\"", 1.0, 1), 2..60, 3),
-        event("TreewrightDiskSilent", level_for("treewright_since_durable_seconds", 0.1, 20, 60.0), 1..20, 1),
-        event("TreewrightLogGrows", level_for("treewright_database_log_bytes", 60e6, 90, 2e9), 30..90, 1),
+        event("TreewrightDiskSilent", held("treewright_since_durable_seconds", 0.1, 20, 60.0), 1..20, 1),
+        event("TreewrightLogGrows", held("treewright_database_log_bytes", 60e6, 90, 2e9), 30..90, 1),
         event("TreewrightReplicaSilent", refused("outcome=\"silent\"", 6.0, 30), 7..30, 7),
         event("TreewrightClientsWait", waiting, 30..60, 16),
-        event(
-            "TreewrightDescriptorsFull",
-            level_for("treewright_descriptors{", 4000.0, 60, 69_000.0),
-            10..60,
-            1,
-        ),
-        event("TreewrightUnfinished", level_for("treewright_unfinished_bytes", 2e5, 60, 120e6), 10..60, 1),
+        event("TreewrightDescriptorsFull", held("treewright_descriptors{", 4000.0, 60, 69_000.0), 10..60, 1),
+        event("TreewrightUnfinished", held("treewright_unfinished_bytes", 2e5, 60, 120e6), 10..60, 1),
         event("TreewrightStrangers", refused("reason=\"token\"", 600.0, 60), 15..60, 7),
         event("TreewrightCertificateEnds", certificates, HOUR + 1..DAY + HOUR, 2),
         Event {

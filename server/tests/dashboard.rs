@@ -75,12 +75,8 @@ async fn options(clock: &Arc<ManualClock>, studies: Vec<String>) -> (Options, So
     let access = Access::open(Arc::clone(&tokens) as _, Arc::clone(clock) as _).await.expect("opened");
     let dashboard = TcpListener::bind("127.0.0.1:0").await.expect("a port");
     let pages = dashboard.local_addr().expect("an address");
-    let options = Options {
-        drain: Duration::from_secs(5),
-        access: Some(Arc::new(access)),
-        dashboard: Some(dashboard),
-        ..Options::default()
-    };
+    let (drain, access) = (Duration::from_secs(5), Some(Arc::new(access)));
+    let options = Options { drain, access, dashboard: Some(dashboard), ..Options::default() };
     (options, pages, token.text())
 }
 

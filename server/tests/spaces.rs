@@ -42,12 +42,8 @@ fn wider() -> wire::Space {
 }
 
 fn change(revision: u32, space: wire::Space) -> wire::ChangeSpaceRequest {
-    wire::ChangeSpaceRequest {
-        name: "studies/hall".to_owned(),
-        revision,
-        space: Some(space),
-        ..wire::ChangeSpaceRequest::default()
-    }
+    let (name, space) = ("studies/hall".to_owned(), Some(space));
+    wire::ChangeSpaceRequest { name, revision, space, ..Default::default() }
 }
 
 /// Kept, outside and given back.

@@ -166,11 +166,8 @@ fn what_is_maximised_is_found_and_told_in_its_own_unit() {
     };
     let done = json(&call(&["--trials", "60", "--json"]));
     assert_eq!(done["best"]["configuration"]["level"], 12, "{done}");
-    assert_eq!(
-        (done["objective"].as_str(), done["best"]["value"].as_f64()),
-        (Some("rate"), Some(90.0)),
-        "{done}"
-    );
+    let told = (done["objective"].as_str(), done["best"]["value"].as_f64());
+    assert_eq!(told, (Some("rate"), Some(90.0)), "{done}");
     assert_eq!(done["best"]["default_value"].as_f64(), Some(66.0), "{done}");
     let output = call(&["--trials", "1"]);
     assert!(stdout(&output).contains("rate 90, default 66"), "{}", stdout(&output));

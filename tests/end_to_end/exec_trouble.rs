@@ -233,11 +233,7 @@ fn a_daemon_that_stays_away_takes_nothing_with_it() {
     let output = child.wait_with_output().expect("it ends");
     assert_eq!(output.status.code(), Some(3), "{}", stderr(&output));
     let found: Value = serde_json::from_str(&stdout(&output)).expect("JSON");
-    assert_eq!(
-        (&found["trials"], &found["best"]["source"]),
-        (&Value::from(3), &Value::from("runs")),
-        "{found}"
-    );
+    assert!(found["trials"] == 3 && found["best"]["source"] == "runs", "{found}");
     assert!(found["error"].as_str().is_some_and(|error| error.contains(&address)), "{found}");
     // The finished run is shown, and can be handed in.
     let message = stderr(&output);

@@ -242,11 +242,8 @@ async fn the_command_line_client_shows_token_and_checks_certificate() {
     assert!(good.status.success(), "{}", stderr(&good));
     let without = run("treewright", &["studies", "--server", &url, "--tls-ca", &ca]);
     assert_eq!(without.status.code(), Some(1), "{}", stderr(&without));
-    assert!(
-        stderr(&without).contains("token") && stderr(&without).contains("Unauthenticated"),
-        "{}",
-        stderr(&without)
-    );
+    let said = stderr(&without);
+    assert!(said.contains("token") && said.contains("Unauthenticated"), "{said}");
     let untrusted = run("treewright", &["studies", "--server", &url, "--token-file", &token_file]);
     assert_eq!(untrusted.status.code(), Some(3), "{}", stderr(&untrusted));
     let plain = run("treewright", &["studies", "--server", "http://localhost:1", "--tls-ca", &ca]);

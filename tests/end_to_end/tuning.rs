@@ -99,11 +99,8 @@ fn ways_to_follow_are_tuned_by_episodes() {
     let results = read(&path);
     let notes = results["notes"].to_string();
     assert!(notes.contains("the search ended after 8 of 12 trials"), "{notes}");
-    assert!(
-        results["tuned"]["tree"].is_string() && results["tuned"]["period"].is_u64(),
-        "{}",
-        results["tuned"]
-    );
+    let tuned = &results["tuned"];
+    assert!(tuned["tree"].is_string() && tuned["period"].is_u64(), "{tuned}");
     let state = &results["indicators"];
     assert!(state["cost_growth"].as_f64() >= Some(1.0) && state["episode_frames"] == 6.0, "{state}");
     let measured = trials(site.url(), "state = COMPLETED");

@@ -79,12 +79,8 @@ pub(crate) async fn query_by(
     study: &str,
     filter: &str,
 ) -> Vec<pb::Trial> {
-    let mut request = pb::QueryTrialsRequest {
-        study: study.into(),
-        filter: filter.into(),
-        page_size: 50,
-        ..Default::default()
-    };
+    let (study, filter) = (study.into(), filter.into());
+    let mut request = pb::QueryTrialsRequest { study, filter, page_size: 50, ..Default::default() };
     let mut trials = Vec::new();
     loop {
         let page = ask(request.clone()).await.expect("the query is answered").into_inner();

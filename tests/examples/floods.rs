@@ -122,11 +122,8 @@ async fn renderer(
     let (begin, mut times_ms, mut failed) = (Instant::now(), Vec::new(), 0);
     while begin.elapsed() < time {
         let asked = Instant::now();
-        let question = wire::SuggestRequest {
-            study: "studies/hall".into(),
-            client_id: "renderer".into(),
-            ..Default::default()
-        };
+        let (study, client_id) = ("studies/hall".into(), "renderer".into());
+        let question = wire::SuggestRequest { study, client_id, ..Default::default() };
         let served = match client.suggest(with(Some(&token), question)).await {
             Ok(trial) => client.report(with(Some(&token), report(trial.into_inner()))).await.is_ok(),
             Err(_) => false,

@@ -174,13 +174,8 @@ impl Analysis {
 
     /// For a terminal.
     pub(crate) fn words(&self) -> String {
-        let mut text = format!(
-            "{}: {} trials in {} states. {}\n",
-            self.study,
-            self.trials,
-            self.states,
-            self.headline()
-        );
+        let Self { study, trials, states, .. } = self;
+        let mut text = format!("{study}: {trials} trials in {states} states. {}\n", self.headline());
         for metric in self.conditions.first().iter().flat_map(|all| &all.metrics) {
             let title = titled(&metric.name, metric.higher_is_better);
             text += &format!("\n{title:24} {:>6} {:>6} {:>6} {:>7}\n", "r", "rank", "bits", "share");

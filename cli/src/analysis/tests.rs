@@ -87,14 +87,8 @@ fn trials() -> Vec<TrialRecord> {
             let level = if state == 1 { 1.0 } else { 10.0 };
             let distance = (bowl - 32) as f64 / 32.0;
             let noise = 1.0 + 0.02 * (random(1000) as f64 / 1000.0 - 0.5);
-            trial(
-                number,
-                state,
-                [steep, bowl],
-                idle,
-                kind,
-                level * (1.0 + 0.1 * steep as f64) * (1.0 + distance * distance) * noise,
-            )
+            let ms = level * (1.0 + 0.1 * steep as f64) * (1.0 + distance * distance) * noise;
+            trial(number, state, [steep, bowl], idle, kind, ms)
         })
         .collect()
 }
@@ -150,21 +144,15 @@ fn each_measure_sees_what_it_should() {
     let analysis = analysed(&trials());
     assert_eq!((analysis.trials, analysis.states, analysis.random), (1000, 2, true));
     let [steep, bowl, idle] = ["steep", "bowl", "idle"].map(|name| influence(&analysis, name));
-    let r = |one: &Influence| one.correlation.expect("it has an order").r;
-    assert!(
-        r(steep) > 0.5 && r(bowl).abs() < 0.15 && r(idle).abs() < 0.1,
-        "{} {} {}",
-        r(steep),
-        r(bowl),
-        r(idle)
-    );
+    let r = [steep, bowl, idle].map(|one| one.correlation.expect("it has an order").r);
+    assert!(r[0] > 0.5 && r[1].abs() < 0.15 && r[2].abs() < 0.1, "{r:?}");
     let share = |one: &Influence| one.first_order.expect("enough configurations");
     assert!(share(bowl) > 0.3, "variance sees the bowl that no line fits: {}", share(bowl));
     assert!(bowl.mutual_information_bits > 0.1 && idle.mutual_information_bits < 0.02);
     assert!(share(idle) < 0.01 && share(steep) + share(bowl) > 0.85);
     assert_eq!(influence(&analysis, "kind").correlation, None, "it has no order");
     let interval = steep.correlation.expect("it has an order").interval;
-    assert!(interval[0] < r(steep) && r(steep) < interval[1] && interval[1] - interval[0] < 0.1);
+    assert!(interval[0] < r[0] && r[0] < interval[1] && interval[1] - interval[0] < 0.1);
 }
 
 #[test]

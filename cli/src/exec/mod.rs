@@ -146,14 +146,8 @@ pub(crate) fn run(service: &Service, exec: &Exec, json: bool) -> Result<String, 
         last_run,
     };
     let (front, present_default) = front.map(|front| job.front(front, exec)).transpose()?.unzip();
-    let mut session = Session {
-        job: &job,
-        own: OwnRuns::default(),
-        front,
-        failures_in_vain: 0,
-        full_runs: 0.0,
-        left_out: BTreeSet::new(),
-    };
+    let (own, left_out) = (OwnRuns::default(), BTreeSet::new());
+    let mut session = Session { job: &job, own, front, failures_in_vain: 0, full_runs: 0.0, left_out };
     let mut summary = Summary::new(job.id(), &spec);
     let done = session.tune(exec, &mut summary);
     match session.front.as_ref().zip(present_default.as_ref()) {

@@ -137,12 +137,8 @@ fn specification(spec: &StudySpec) -> String {
     let mut parameters = table(&["parameter", "default", "values", "only if"], &[]);
     for parameter in spec.space.parameters() {
         let condition = parameter.active_if.as_ref().map(ToString::to_string).unwrap_or_default();
-        parameters.add_row([
-            parameter.name.clone(),
-            parameter.default.to_string(),
-            parameter.domain.to_string(),
-            condition,
-        ]);
+        let (default, domain) = (parameter.default.to_string(), parameter.domain.to_string());
+        parameters.add_row([parameter.name.clone(), default, domain, condition]);
     }
     line(&mut text, &parameters.trim_fmt());
     let setup: Vec<&str> = spec.space.setup_parameters().map(|parameter| parameter.name.as_str()).collect();
@@ -313,16 +309,9 @@ fn stands(standing: &Standing, best: &Best, view: &CostView) -> String {
 /// Mean measurements, from a daemon that does not send standings.
 fn means(best: &Best, view: &CostView) -> String {
     let mut text = String::new();
-    line(
-        &mut text,
-        &format!(
-            "{} {} over {} measurement(s) in state {}",
-            view.title(),
-            figure(view.value(best.cost)),
-            best.measurements,
-            best.state_id
-        ),
-    );
+    let Best { cost, measurements, state_id, .. } = best;
+    let cost = format!("{} {}", view.title(), figure(view.value(*cost)));
+    line(&mut text, &format!("{cost} over {measurements} measurement(s) in state {state_id}"));
     if let Some(default) = best.default_cost
         && default > 0.0
     {

@@ -140,13 +140,8 @@ impl Listing {
             let domain = &space.parameters[member].domain;
             values.iter().map(|value| domain.distance(&wanted[member], value)).collect()
         });
-        let mut walk = Walk {
-            listing: self,
-            distances: distances.collect(),
-            path: Vec::new(),
-            best: None,
-            steps: REPAIR_STEPS_MAX,
-        };
+        let (distances, path) = (distances.collect(), Vec::new());
+        let mut walk = Walk { listing: self, distances, path, best: None, steps: REPAIR_STEPS_MAX };
         walk.descend(0, 0..self.levels[0].len(), 0.0);
         let Some((_, path)) = walk.best else { return false };
         for (depth, index) in path.into_iter().enumerate().filter(|(_, index)| *index != INACTIVE) {

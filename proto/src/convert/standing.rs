@@ -65,19 +65,14 @@ mod tests {
 
     #[test]
     fn what_is_proven_survives_the_wire() {
-        let gain = Gain { share: 0.1, low: Some(0.05), high: None, probability_better: Some(0.99) };
-        let confirmation = Confirmation {
-            stage: ConfirmationStage::Better,
-            rounds: 7,
-            rounds_max: 10,
-            measurements: 19,
-            gain: Some(gain),
-        };
+        let gain = Some(Gain { share: 0.1, low: Some(0.05), high: None, probability_better: Some(0.99) });
+        let stage = ConfirmationStage::Better;
+        let confirmation = Confirmation { stage, rounds: 7, rounds_max: 10, measurements: 19, gain };
         let standing = Standing {
             cost: 9.0,
             cost_low: 8.5,
             cost_high: 9.5,
-            gain: Some(gain),
+            gain,
             nothing_better: false,
             confirmation,
             disturbances: 2,

@@ -76,13 +76,8 @@ pub fn space_change(request: v1::ChangeSpaceRequest) -> Result<SpaceChange> {
     let space = request.space.ok_or_else(|| required("space"))?;
     let space = space_from_wire("space", space)?;
     printable("space", &space)?;
-    let fixed = v1::Configuration { values: request.fixed };
-    Ok(SpaceChange {
-        revision: request.revision,
-        space,
-        fixed: configuration_from_wire("fixed", fixed)?,
-        validate_only: request.validate_only,
-    })
+    let fixed = configuration_from_wire("fixed", v1::Configuration { values: request.fixed })?;
+    Ok(SpaceChange { revision: request.revision, space, fixed, validate_only: request.validate_only })
 }
 
 /// Refuses text values that a database, a table or a terminal cannot hold. Names have no such characters.

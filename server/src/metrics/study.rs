@@ -48,11 +48,7 @@ impl FrameCounts {
         let mode = MODES.iter().position(|(mode, _)| *mode == trial.mode());
         assert!(mode.is_some(), "{:?} is not among the modes", trial.mode());
         let mode = mode.unwrap_or_default();
-        debug_assert!(
-            cost.is_finite() && trial.complete_ms.is_some(),
-            "trial {} has no result",
-            trial.number
-        );
+        debug_assert!(cost.is_finite() && trial.complete_ms.is_some(), "trial {} is open", trial.number);
         self.frames[mode] += 1;
         self.cost[mode] += cost;
         self.reached[mode] += view.maximum(cost).unwrap_or(0.0);

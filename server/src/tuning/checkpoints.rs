@@ -250,12 +250,8 @@ pub(super) mod tests {
         let tuning = in_memory();
         tuning.create_study("hall", &spec()).await.expect("created");
         let space = Space::builder().integer("a", 0..=9).default(4).integer("b", 0..=8).default(4);
-        let change = SpaceChange {
-            revision: 1,
-            space: space.build().expect("valid"),
-            fixed: RawConfiguration::new(),
-            validate_only: false,
-        };
+        let (space, fixed) = (space.build().expect("valid"), RawConfiguration::new());
+        let change = SpaceChange { revision: 1, space, fixed, validate_only: false };
         let study = "hall".into();
         let other = tuning.saving.acquire().await.expect("it is never closed");
         let mut changed = std::pin::pin!(tuning.change_space(&study, &change));

@@ -260,13 +260,9 @@ impl Live {
         let chosen = state.and_then(|state| self.cheapest_known(revision, state));
         let chosen = chosen.or_else(|| self.fallback(revision, start));
         let configuration = chosen.and_then(|chosen| self.expressed(revision, &chosen));
+        let configuration = configuration.ok_or(TunerError::Outdated(revision))?;
         let decision = Decision { said: Some(words(revision)), ..prediction.decision };
-        Ok(Prediction {
-            configuration: configuration.ok_or(TunerError::Outdated(revision))?,
-            predicted_cost: None,
-            decision,
-            insight: prediction.insight,
-        })
+        Ok(Prediction { configuration, predicted_cost: None, decision, insight: prediction.insight })
     }
 
     /// The best configuration of a state as a client with a revision of the space can run it. The second

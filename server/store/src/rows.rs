@@ -81,12 +81,8 @@ impl PartRow {
         let parts = checkpoint.bytes.chunks(CHECKPOINT_PART_BYTES);
         let count = parts.len() as u64;
         (0..).zip(parts).map(move |(part, bytes)| {
-            Ok(Self {
-                completion: signed(checkpoint.completion)?,
-                part: signed(part)?,
-                parts: signed(count)?,
-                bytes: bytes.to_vec(),
-            })
+            let completion = signed(checkpoint.completion)?;
+            Ok(Self { completion, part: signed(part)?, parts: signed(count)?, bytes: bytes.to_vec() })
         })
     }
 }
@@ -206,12 +202,7 @@ impl TrialRow {
             trial.state
         );
         assert!(trial.number > 0 && trial.state_id > 0, "trials and states are counted from 1");
-        assert!(
-            trial.cost.is_none_or(f64::is_finite),
-            "trial {} has a cost of {:?}",
-            trial.number,
-            trial.cost
-        );
+        assert!(trial.cost.is_none_or(f64::is_finite), "trial {} costs {:?}", trial.number, trial.cost);
         let (outcome_reason, outcome_lower_bound) = match &trial.outcome {
             Some(Outcome::Infeasible { reason } | Outcome::Failed { reason }) => (Some(reason.clone()), None),
             Some(Outcome::Aborted { lower_bound }) => (None, Some(*lower_bound)),

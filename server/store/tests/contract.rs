@@ -108,12 +108,8 @@ async fn everything_comes_back_as_it_was_stored(store: &dyn Store) {
         pinned,
         exploited,
     ];
-    let stored = Change {
-        trials: trials.clone(),
-        states: vec![state(1), state(2)],
-        visits: vec![visit("a", 3), visit("b", 1)],
-        forgotten: vec![],
-    };
+    let (states, visits) = (vec![state(1), state(2)], vec![visit("a", 3), visit("b", 1)]);
+    let stored = Change { trials: trials.clone(), states, visits, forgotten: vec![] };
     commit(store, &held, std::slice::from_ref(&stored)).await.unwrap();
 
     let space = spec().space;
@@ -347,12 +343,8 @@ async fn a_newer_load_breaks_the_fence(store: &dyn Store) {
 
 async fn policies_and_texts_change_and_stay(store: &dyn Store) {
     let held = fence(store, "hall").await;
-    let policy = Policy {
-        epsilon: 1.0,
-        search: SearchMethod::Random,
-        pinned: Some(open(1).configuration),
-        ..Policy::default()
-    };
+    let (search, pinned) = (SearchMethod::Random, Some(open(1).configuration));
+    let policy = Policy { epsilon: 1.0, search, pinned, ..Policy::default() };
     let (note, tags) = ("loud \"fan\"\n\tat 80 °C".to_owned(), ["gpu", "層"].map(str::to_owned).into());
     let changed = StudySpec { display_name: "An attic".to_owned(), note, tags, policy, ..spec() };
     store.update_study(&held, &changed, &EarlierSpaces::default(), 3).durable().await.unwrap();

@@ -39,11 +39,8 @@ fn searched() -> (StudySpec, StateRecord) {
     let policy = treewright_core::policy::Policy { epsilon: 1.0, ..spec.policy.clone() };
     let spec = StudySpec { policy, ..spec };
     let mut tuner = Tuner::new(Arc::new(spec.clone())).expect("valid");
-    let ask = Ask {
-        client_id: "renderer".to_owned(),
-        indicators: [("triangles".to_owned(), 10.0)].into(),
-        ..Ask::default()
-    };
+    let indicators = [("triangles".to_owned(), 10.0)].into();
+    let ask = Ask { client_id: "renderer".to_owned(), indicators, ..Ask::default() };
     let (_, mut change) = tuner.suggest(&ask, 0).expect("a trial");
     let state = change.states.pop().expect("the state is written");
     assert!(state.search.is_some(), "it is explored");

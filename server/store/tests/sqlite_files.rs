@@ -160,11 +160,8 @@ async fn only_the_owner_can_read_or_lock_the_files() {
     }
     let store = SqliteStore::open(&copies.path().join("studies.db")).await.unwrap();
     for suffix in SUFFIXES {
-        assert_eq!(
-            mode(&copies.path().join(format!("studies.db{suffix}"))),
-            0o600,
-            "{suffix:?} of an old one"
-        );
+        let copy = copies.path().join(format!("studies.db{suffix}"));
+        assert_eq!(mode(&copy), 0o600, "{suffix:?} of an old one");
     }
     store.get_study("hall").await.expect("it is what it was");
 }

@@ -44,13 +44,8 @@ fn token(id: &str, create_ms: i64) -> TokenRecord {
 }
 
 async fn tokens_come_back_as_they_were_stored(tokens: &dyn TokenStore) {
-    let second = TokenRecord {
-        scope: Scope::Admin,
-        studies: Studies::default(),
-        quota: Quota::default(),
-        expire_ms: None,
-        ..token("b", 5)
-    };
+    let (studies, quota) = (Studies::default(), Quota::default());
+    let second = TokenRecord { scope: Scope::Admin, studies, quota, expire_ms: None, ..token("b", 5) };
     tokens.create(&second).await.unwrap();
     tokens.create(&token("a", 6)).await.unwrap();
     assert_eq!(tokens.list().await.unwrap(), [second, token("a", 6)]);

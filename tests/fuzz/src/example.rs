@@ -41,10 +41,7 @@ pub fn study() -> wire::Study {
 
 /// A question for the next trial of `studies/s`.
 pub fn suggest(client_id: &str) -> wire::SuggestRequest {
-    wire::SuggestRequest {
-        study: "studies/s".into(),
-        client_id: client_id.into(),
-        indicators: BTreeMap::from([("i".to_owned(), 0.5)]),
-        ..Default::default()
-    }
+    let (study, client_id) = ("studies/s".into(), client_id.into());
+    let indicators = BTreeMap::from([("i".to_owned(), 0.5)]);
+    wire::SuggestRequest { study, client_id, indicators, ..Default::default() }
 }

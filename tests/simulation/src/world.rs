@@ -84,11 +84,8 @@ struct Inner {
 
 impl World {
     pub(crate) fn new(plan: Plan) -> Self {
-        let inner = Inner {
-            machines: (0..plan.replicas).map(|_| None).collect(),
-            fingerprint: fnv::EMPTY,
-            ..Inner::default()
-        };
+        let machines = (0..plan.replicas).map(|_| None).collect();
+        let inner = Inner { machines, fingerprint: fnv::EMPTY, ..Inner::default() };
         World {
             durable: Arc::default(),
             begin: Instant::now(),

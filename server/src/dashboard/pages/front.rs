@@ -182,11 +182,8 @@ mod tests {
 
     #[test]
     fn only_directions_repeat_runs() {
-        let mut trial = v1::Trial {
-            configuration: Some(v1::Configuration::default()),
-            origin: "studies/before/trials/1".to_owned(),
-            ..v1::Trial::default()
-        };
+        let origin = "studies/before/trials/1".to_owned();
+        let mut trial = v1::Trial { configuration: Some(Default::default()), origin, ..v1::Trial::default() };
         assert!(run(&trial).is_some());
         trial.indicators.insert(Front::DIRECTION.to_owned(), 0.0);
         assert!(run(&trial).is_none());

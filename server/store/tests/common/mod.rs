@@ -79,12 +79,8 @@ pub(crate) const NEWER_MIGRATION: &str = "INSERT INTO _sqlx_migrations (version,
 
 /// A question for trials.
 pub(crate) fn ask(filter: &str, order: &str, size: u32) -> TrialQuery {
-    TrialQuery {
-        filter: Filter::parse(filter).expect("a filter"),
-        order: Order::parse(order).expect("an order"),
-        after: None,
-        size,
-    }
+    let (filter, order) = (Filter::parse(filter).expect("a filter"), Order::parse(order).expect("an order"));
+    TrialQuery { filter, order, after: None, size }
 }
 
 /// The trials of the study "hall" that a filter finds.
