@@ -230,11 +230,8 @@ impl Core {
         if quiet.is_ok() || waiting == 0 {
             return Ok(());
         }
-        let last = self
-            .circuit_breaker
-            .problem()
-            .map(|problem| problem.to_string())
-            .or_else(|| self.counters.last_error());
+        let last = self.circuit_breaker.problem().map(|problem| problem.to_string());
+        let last = last.or_else(|| self.counters.last_error());
         Err(ClientError::Unflushed { waiting, deadline, last: last.unwrap_or_else(|| "none".into()) })
     }
 }

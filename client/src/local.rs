@@ -120,13 +120,8 @@ impl LocalDaemon {
         }
         let lock_file = self.runtime.join("lock");
         let problem = |error: std::io::Error| of_file(&lock_file, &error);
-        let lock = OpenOptions::new()
-            .create(true)
-            .truncate(false)
-            .write(true)
-            .mode(0o600)
-            .open(&lock_file)
-            .map_err(problem)?;
+        let opened = OpenOptions::new().create(true).truncate(false).write(true).mode(0o600).open(&lock_file);
+        let lock = opened.map_err(problem)?;
         // Given back when the file is closed.
         lock.lock().map_err(problem)?;
         if let Some(url) = self.running() {

@@ -38,13 +38,9 @@ async fn a_partition_blocks_no_frame_and_loses_nothing() {
     // The programs are built before the network is gone.
     treewright_tests::programs::program("treewrightd");
     let this = std::env::current_exe().expect("a test knows its own path");
-    let inside = Command::new("unshare")
-        .arg("--net")
-        .arg(this)
-        .args(["--exact", TEST, "--nocapture"])
-        .env(INSIDE, "1")
-        .output()
-        .expect("unshare runs");
+    let arguments = ["--exact", TEST, "--nocapture"];
+    let inside = Command::new("unshare").arg("--net").arg(this).args(arguments).env(INSIDE, "1").output();
+    let inside = inside.expect("unshare runs");
     let said = String::from_utf8_lossy(&inside.stderr);
     assert!(inside.status.success(), "{}{said}", String::from_utf8_lossy(&inside.stdout));
     for line in said.lines().filter(|line| line.starts_with("skipped: ")) {

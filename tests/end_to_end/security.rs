@@ -47,12 +47,8 @@ impl Guarded {
     }
 
     async fn channel(&self, tls: ClientTlsConfig) -> Result<Channel, tonic::transport::Error> {
-        Channel::from_shared(self.site.url().to_owned())
-            .expect("an address")
-            .tls_config(tls)
-            .expect("TLS")
-            .connect()
-            .await
+        let endpoint = Channel::from_shared(self.site.url().to_owned()).expect("an address");
+        endpoint.tls_config(tls).expect("TLS").connect().await
     }
 
     async fn caller(&self, token: Option<&str>) -> Caller {

@@ -39,11 +39,9 @@ impl Loop {
 
 fn spec() -> StudySpec {
     let space = Space::builder().float("cost", 0.1..=10.0).default(1.0).integer("leaf", 1..=32).default(8);
-    StudySpec::builder(space.build().expect("a space"))
-        .indicator("triangles", 1.0..=1e7, Scale::Log)
-        .minimise("render_ms", 1.0)
-        .build()
-        .expect("a study")
+    let spec =
+        StudySpec::builder(space.build().expect("a space")).indicator("triangles", 1.0..=1e7, Scale::Log);
+    spec.minimise("render_ms", 1.0).build().expect("a study")
 }
 
 /// Frames at a steady rate. Returns the waits in microseconds, and how many frames had a trial.

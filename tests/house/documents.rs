@@ -345,11 +345,8 @@ fn the_figures_of_the_documents_are_those_of_their_records() {
         "integrations/summary.py",
     ];
     for script in scripts {
-        let checked = Command::new("python3")
-            .arg(workspace().join(script))
-            .arg("--check")
-            .output()
-            .expect("Python is installed");
+        let checked = Command::new("python3").arg(workspace().join(script)).arg("--check").output();
+        let checked = checked.expect("Python is installed");
         assert!(checked.status.success(), "{}", String::from_utf8_lossy(&checked.stderr));
     }
 }

@@ -44,11 +44,9 @@ impl Metric {
 
     /// Correlations as bars from the middle, with their intervals.
     fn bars(&self) -> String {
-        let ordered: Vec<(&str, Correlation)> = self
-            .parameters
-            .iter()
-            .filter_map(|one| Some((one.parameter.as_str(), one.correlation?)))
-            .collect();
+        let ordered =
+            self.parameters.iter().filter_map(|one| Some((one.parameter.as_str(), one.correlation?)));
+        let ordered: Vec<(&str, Correlation)> = ordered.collect();
         if ordered.is_empty() {
             return String::new();
         }

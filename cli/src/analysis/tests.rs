@@ -23,11 +23,8 @@ fn space() -> Space {
 }
 
 fn spec() -> StudySpec {
-    StudySpec::builder(space())
-        .indicator("size", 0.0..=9.0, Scale::Linear)
-        .minimise("ms", 1.0)
-        .build()
-        .expect("sound")
+    let spec = StudySpec::builder(space()).indicator("size", 0.0..=9.0, Scale::Linear).minimise("ms", 1.0);
+    spec.build().expect("sound")
 }
 
 /// A trial as the service would tell it.
@@ -39,11 +36,8 @@ pub(crate) fn trial(
     kind: &str,
     ms: f64,
 ) -> TrialRecord {
-    let configuration = Configuration::new()
-        .with("steep", values[0])
-        .with("bowl", values[1])
-        .with("idle", idle)
-        .with("kind", Value::from(kind));
+    let configuration = Configuration::new().with("steep", values[0]).with("bowl", values[1]);
+    let configuration = configuration.with("idle", idle).with("kind", Value::from(kind));
     TrialRecord {
         name: format!("studies/toy/trials/{number}"),
         client_id: "test".into(),

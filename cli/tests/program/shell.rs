@@ -29,11 +29,8 @@ fn an_export_is_read_again_and_nothing_is_there_twice() {
     let file = folder.path().join("sponza.jsonl");
     let file = file.to_str().expect("a path of text");
     answer(&fake, &["export", "sponza", "--site", "here", "--out", file]);
-    let lines: Vec<Value> = std::fs::read_to_string(file)
-        .expect("the export")
-        .lines()
-        .map(|line| serde_json::from_str(line).expect("JSON"))
-        .collect();
+    let text = std::fs::read_to_string(file).expect("the export");
+    let lines: Vec<Value> = text.lines().map(|line| serde_json::from_str(line).expect("JSON")).collect();
     assert_eq!(lines.len(), 6);
     assert_eq!(lines[0]["study"]["id"], "sponza");
     assert_eq!(lines[1]["origin"], "here/studies/sponza/trials/1");

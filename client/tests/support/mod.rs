@@ -101,11 +101,8 @@ impl Fake {
 
     /// Starts it again on its port.
     pub fn come_back(&mut self) {
-        let runtime = tokio::runtime::Builder::new_multi_thread()
-            .worker_threads(1)
-            .enable_all()
-            .build()
-            .expect("a runtime for the stand-in");
+        let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(1).enable_all().build();
+        let runtime = runtime.expect("a runtime for the stand-in");
         let listener = {
             let _within = runtime.enter();
             socket_at(self.address).listen(1024).expect("it can be listened on")
@@ -146,14 +143,8 @@ pub fn hasty() -> Options {
 
 /// A small study.
 pub fn spec() -> StudySpec {
-    let space = Space::builder()
-        .integer("max_depth", 9..=1000)
-        .default(32)
-        .log()
-        .boolean("compact")
-        .default(false)
-        .build()
-        .expect("a valid space");
+    let space = Space::builder().integer("max_depth", 9..=1000).default(32).log();
+    let space = space.boolean("compact").default(false).build().expect("a valid space");
     StudySpec::builder(space)
         .display_name("a scene")
         .indicator("triangles", 0.0..=1e6, Scale::Log)

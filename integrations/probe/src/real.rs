@@ -61,12 +61,8 @@ pub(crate) fn mapped() -> Vec<String> {
             .next()
             .is_some_and(|file| file.starts_with("libembree4") || file.starts_with("libembree3"))
     };
-    let mut all: Vec<String> = maps
-        .lines()
-        .filter_map(|line| line.find('/').map(|at| &line[at..]))
-        .filter(is_embree)
-        .map(str::to_owned)
-        .collect();
+    let mapped = maps.lines().filter_map(|line| line.find('/').map(|at| &line[at..]));
+    let mut all: Vec<String> = mapped.filter(is_embree).map(str::to_owned).collect();
     all.dedup();
     all
 }

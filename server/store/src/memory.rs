@@ -277,13 +277,8 @@ impl Store for MemoryStore {
     async fn list_studies(&self, after: Option<&str>, size: u32) -> Result<Vec<StudyRecord>> {
         let inner = self.lock()?;
         let behind = |id: &str| after.is_none_or(|after| id > after);
-        Ok(inner
-            .studies
-            .iter()
-            .filter(|(id, _)| behind(id))
-            .take(size as usize)
-            .map(|(id, study)| study.record(id))
-            .collect())
+        let page = inner.studies.iter().filter(|(id, _)| behind(id)).take(size as usize);
+        Ok(page.map(|(id, study)| study.record(id)).collect())
     }
 
     async fn delete_study(&self, study: &str, uid: Option<StudyUid>) -> Result<()> {
@@ -426,12 +421,8 @@ impl Store for MemoryStore {
     async fn studies_with_due_leases(&self, now_ms: i64) -> Result<Vec<String>> {
         let inner = self.lock()?;
         let due = |trial: &RawTrial| trial.state == TrialState::Open && trial.lease_expire_ms < now_ms;
-        Ok(inner
-            .studies
-            .iter()
-            .filter(|(_, study)| study.trials.values().any(due))
-            .map(|(id, _)| id.clone())
-            .collect())
+        let found = inner.studies.iter().filter(|(_, study)| study.trials.values().any(due));
+        Ok(found.map(|(id, _)| id.clone()).collect())
     }
 
     fn has_failed(&self) -> bool {

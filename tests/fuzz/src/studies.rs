@@ -19,12 +19,9 @@ pub fn run(bytes: &[u8]) {
     let Some((head, body)) = bytes.split_at_checked(8) else { return };
     let Ok(study) = wire::Study::decode(body) else { return };
     let Ok(spec) = from_proto::study(study) else { return };
-    let indicators: BTreeMap<String, f64> = spec
-        .indicators
-        .indicators()
-        .iter()
-        .map(|indicator| (indicator.name.clone(), indicator.min))
-        .collect();
+    let indicators = spec.indicators.indicators().iter();
+    let indicators: BTreeMap<String, f64> =
+        indicators.map(|indicator| (indicator.name.clone(), indicator.min)).collect();
     let metrics: Vec<String> = spec.objective.terms().iter().map(|term| term.metric.clone()).collect();
     let mut tuner = Tuner::new(Arc::new(spec)).expect("a checked specification");
     let frames = if head[0].is_multiple_of(32) { FRAMES_OF_MODELS } else { FRAMES };

@@ -16,11 +16,8 @@ const QUIET: Duration = Duration::from_secs(900);
 
 /// Runs a world to its end.
 pub fn run(plan: Plan) -> Outcome {
-    let runtime = tokio::runtime::Builder::new_current_thread()
-        .enable_time()
-        .start_paused(true)
-        .build()
-        .expect("a runtime without input and output");
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_time().start_paused(true).build();
+    let runtime = runtime.expect("a runtime without input and output");
     let outcome = runtime.block_on(live(plan));
     // Tasks that still wait do not matter.
     runtime.shutdown_background();

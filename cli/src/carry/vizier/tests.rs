@@ -69,11 +69,8 @@ fn database(path: &Path, spec: StudySpec, trials: &[Trial]) {
             sqlx::query(statement).execute(&mut database).await.expect(statement);
         }
         let study = Study { spec: Some(spec) }.encode_to_vec();
-        sqlx::query("INSERT INTO studies VALUES ('owners/me/studies/mine', 'me', 'mine', ?)")
-            .bind(study)
-            .execute(&mut database)
-            .await
-            .expect("a study");
+        let saving = sqlx::query("INSERT INTO studies VALUES ('owners/me/studies/mine', 'me', 'mine', ?)").bind(study);
+        saving.execute(&mut database).await.expect("a study");
         for trial in trials {
             sqlx::query("INSERT INTO trials VALUES (?, 'me', 'mine', ?, ?)")
                 .bind(format!("owners/me/studies/mine/trials/{}", trial.id))
@@ -106,12 +103,8 @@ fn a_study_of_vizier_becomes_one_of_ours() {
     for name in ["mine", "owners/me/studies/mine"] {
         let read = read(&path, name).expect("a study").with_metric("loss");
         assert_eq!((read.trials.len(), read.without_value), (2, 1));
-        let first = Configuration::new()
-            .with("depth", 7)
-            .with("lr", 0.5)
-            .with("kind", "adam")
-            .with("fast", true)
-            .with("width", 4);
+        let first = Configuration::new().with("depth", 7).with("lr", 0.5).with("kind", "adam");
+        let first = first.with("fast", true).with("width", 4);
         assert_eq!(read.trials[0].configuration, first);
         assert_eq!(read.trials[0].measurements["loss"], 3.5);
         assert_eq!(read.trials[0].origin, "vizier/owners/me/studies/mine/trials/1");

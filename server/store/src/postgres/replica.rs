@@ -99,11 +99,9 @@ async fn beat(shared: &SharedState, session: Option<PgConnection>) -> Result<PgC
         tracing::warn!(replica = new_id, earlier = me, "registered again; every study is loaded again");
         shared.become_replica(new_id);
     }
-    sqlx::query(sql::REPLICAS_REAP)
-        .bind(shared.me())
-        .bind(limits::REPLICA_ROW_KEPT.as_secs_f64())
-        .execute(&mut connection)
-        .await?;
+    let reaping =
+        sqlx::query(sql::REPLICAS_REAP).bind(shared.me()).bind(limits::REPLICA_ROW_KEPT.as_secs_f64());
+    reaping.execute(&mut connection).await?;
     for _ in 0..REAPS_PER_BEAT {
         if !studies::reap(&mut connection).await? {
             break;

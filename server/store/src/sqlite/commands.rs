@@ -192,22 +192,12 @@ async fn save_part(
     row: &rows::PartRow,
 ) -> Result<(), sqlx::Error> {
     assert!((0..row.parts).contains(&row.part), "part {} of {}", row.part, row.parts);
-    let saved = sqlx::query(sql::PART_UPSERT)
-        .bind(study)
-        .bind(row.completion)
-        .bind(row.part)
-        .bind(row.parts)
-        .bind(&row.bytes)
-        .execute(&mut *connection)
-        .await?;
+    let saving = sqlx::query(sql::PART_UPSERT).bind(study).bind(row.completion).bind(row.part);
+    let saved = saving.bind(row.parts).bind(&row.bytes).execute(&mut *connection).await?;
     one_at_most(saved.rows_affected());
     if row.part + 1 == row.parts {
-        sqlx::query(sql::OTHER_CHECKPOINTS_DELETE)
-            .bind(study)
-            .bind(row.completion)
-            .bind(row.parts)
-            .execute(connection)
-            .await?;
+        let removing = sqlx::query(sql::OTHER_CHECKPOINTS_DELETE).bind(study).bind(row.completion);
+        removing.bind(row.parts).execute(connection).await?;
     }
     Ok(())
 }
