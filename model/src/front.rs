@@ -199,12 +199,9 @@ impl Front {
             return Some(*metric);
         }
         let weights = self.weights().get(direction)?;
-        let parts: Vec<f64> = minimised
-            .iter()
-            .zip(ideal?)
-            .zip(*weights)
-            .map(|((value, ideal), weight)| weight * (libm::log(*value) - libm::log(*ideal)))
-            .collect();
+        let parts = minimised.iter().zip(ideal?).zip(*weights);
+        let parts: Vec<f64> =
+            parts.map(|((value, ideal), weight)| weight * (libm::log(*value) - libm::log(*ideal))).collect();
         let largest = parts.iter().copied().fold(f64::NEG_INFINITY, f64::max);
         Some(libm::exp(largest + AUGMENTATION * parts.iter().sum::<f64>()))
     }

@@ -9,17 +9,9 @@ use treewright_figures::Colour;
 use super::*;
 
 fn space() -> Space {
-    SpaceBuilder::new()
-        .integer("steep", 0..=7)
-        .default(0)
-        .integer("bowl", 1..=64)
-        .default(1)
-        .boolean("idle")
-        .default(false)
-        .categorical("kind", ["a", "b", "c"])
-        .default("a")
-        .build()
-        .expect("a sound space")
+    let space = SpaceBuilder::new().integer("steep", 0..=7).default(0).integer("bowl", 1..=64).default(1);
+    let space = space.boolean("idle").default(false).categorical("kind", ["a", "b", "c"]).default("a");
+    space.build().expect("a sound space")
 }
 
 fn spec() -> StudySpec {

@@ -172,16 +172,9 @@ mod tests {
     use treewright_client::Space;
 
     fn spec() -> StudySpec {
-        let space = Space::builder()
-            .integer("level", 1..=19)
-            .default(3)
-            .boolean("long")
-            .default(false)
-            .integer("window", 10..=27)
-            .default(20)
-            .active_if("long", [true])
-            .build()
-            .expect("a space");
+        let space = Space::builder().integer("level", 1..=19).default(3).boolean("long").default(false);
+        let space =
+            space.integer("window", 10..=27).default(20).active_if("long", [true]).build().expect("a space");
         StudySpec::builder(space).minimise("wall_ms", 1.0).build().expect("a study")
     }
 

@@ -196,13 +196,9 @@ impl Book {
         let begin: usize = request.page_token.parse().unwrap_or(0);
         let plain = |name: &str| name.split(['@', '/']).nth(1).map(str::to_owned);
         let of_study = plain(&request.study);
-        let mut found: Vec<_> = self
-            .trials
-            .iter()
-            .filter(|trial| plain(&trial.name) == of_study)
-            .filter(|trial| wanted.is_none_or(|state| trial.state() == state))
-            .cloned()
-            .collect();
+        let found = self.trials.iter().filter(|trial| plain(&trial.name) == of_study);
+        let mut found: Vec<_> =
+            found.filter(|trial| wanted.is_none_or(|state| trial.state() == state)).cloned().collect();
         if request.order_by == "number desc" {
             found.reverse();
         }

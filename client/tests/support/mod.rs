@@ -145,12 +145,9 @@ pub fn hasty() -> Options {
 pub fn spec() -> StudySpec {
     let space = Space::builder().integer("max_depth", 9..=1000).default(32).log();
     let space = space.boolean("compact").default(false).build().expect("a valid space");
-    StudySpec::builder(space)
-        .display_name("a scene")
-        .indicator("triangles", 0.0..=1e6, Scale::Log)
-        .minimise("render_ms", 1.0)
-        .build()
-        .expect("a valid specification")
+    let spec =
+        StudySpec::builder(space).display_name("a scene").indicator("triangles", 0.0..=1e6, Scale::Log);
+    spec.minimise("render_ms", 1.0).build().expect("a valid specification")
 }
 
 /// That study with trials of several frames.

@@ -224,15 +224,8 @@ mod tests {
 
     #[test]
     fn a_list_of_parameters_makes_the_same_space() {
-        let written = SpaceBuilder::new()
-            .boolean("deep")
-            .default(true)
-            .integer("depth", 1..=9)
-            .default(3)
-            .active_if("deep", [true])
-            .setup()
-            .build()
-            .expect("a space");
+        let written = SpaceBuilder::new().boolean("deep").default(true).integer("depth", 1..=9).default(3);
+        let written = written.active_if("deep", [true]).setup().build().expect("a space");
         let part = |given: &[(&str, Value)]| {
             let given = given.iter().map(|(name, value)| ((*name).to_owned(), value.clone())).collect();
             written.setup_part(&given).into_keys().collect::<Vec<_>>()

@@ -143,14 +143,8 @@ mod tests {
 
     #[test]
     fn recommended_values_give_way_to_expressions() {
-        let space = Space::builder()
-            .integer("x", 1..=1024)
-            .default(32)
-            .integer("y", 1..=1024)
-            .default(32)
-            .constraint("x * y <= 1024 and y % 2 == 0")
-            .build()
-            .expect("a space");
+        let space = Space::builder().integer("x", 1..=1024).default(32).integer("y", 1..=1024).default(32);
+        let space = space.constraint("x * y <= 1024 and y % 2 == 0").build().expect("a space");
         let complete = |given: Assignment| {
             space.complete(&given).map(|whole| whole.to_string()).map_err(|error| error.to_string())
         };

@@ -191,16 +191,9 @@ fn sparse_spaces_that_are_too_large_to_list_are_repaired_nearby() {
 
 #[test]
 fn continuous_spaces_are_repaired_to_the_edge() {
-    let space = Space::builder()
-        .float("x", 0.0..=1.0)
-        .default(0.25)
-        .float("y", 0.0..=1.0)
-        .default(0.25)
-        .float("free", 0.0..=1.0)
-        .default(0.5)
-        .constraint("x + y <= 1")
-        .build()
-        .expect("a space");
+    let space = Space::builder().float("x", 0.0..=1.0).default(0.25).float("y", 0.0..=1.0).default(0.25);
+    let space =
+        space.float("free", 0.0..=1.0).default(0.5).constraint("x + y <= 1").build().expect("a space");
     assert_eq!(space.decode(&[0.25, 0.75, 0.3]).key(), "free=0.3;x=0.25;y=0.75", "nothing is broken");
     for seed in 1..100 {
         let point = scattered(3, seed);
@@ -224,12 +217,9 @@ fn an_inactive_parameter_makes_a_constraint_hold() {
         .default(true)
         .integer("tile", 1..=64)
         .default(8)
-        .active_if("tiled", [true])
-        .integer("width", 1..=64)
-        .default(8)
-        .constraint("tile * width <= 64")
-        .build()
-        .expect("a space");
+        .active_if("tiled", [true]);
+    let space =
+        space.integer("width", 1..=64).default(8).constraint("tile * width <= 64").build().expect("a space");
     assert_eq!(space.decode(&[0.0, 1.0, 1.0]).key(), "tiled=false;width=64");
     let repaired = space.decode(&[1.0, 1.0, 1.0]);
     assert!(repaired == space.decode(&[1.0, 1.0, 1.0]) && repaired.key() != "tiled=true;tile=64;width=64");

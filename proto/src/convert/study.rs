@@ -121,15 +121,9 @@ mod tests {
     }
 
     fn spec() -> StudySpec<PolicySettings> {
-        let space = Space::builder()
-            .integer("low", 1..=8)
-            .default(1)
-            .integer("high", 1..=8)
-            .default(8)
-            .less_or_equal("low", "high")
-            .constraint("low * high <= 64")
-            .build()
-            .expect("a space");
+        let space = Space::builder().integer("low", 1..=8).default(1).integer("high", 1..=8).default(8);
+        let space =
+            space.less_or_equal("low", "high").constraint("low * high <= 64").build().expect("a space");
         StudySpec::builder(space).minimise("render_ms", 1.0).build().expect("a study")
     }
 

@@ -69,16 +69,13 @@ fn database(path: &Path, spec: StudySpec, trials: &[Trial]) {
             sqlx::query(statement).execute(&mut database).await.expect(statement);
         }
         let study = Study { spec: Some(spec) }.encode_to_vec();
-        let saving = sqlx::query("INSERT INTO studies VALUES ('owners/me/studies/mine', 'me', 'mine', ?)").bind(study);
-        saving.execute(&mut database).await.expect("a study");
+        let insert = "INSERT INTO studies VALUES ('owners/me/studies/mine', 'me', 'mine', ?)";
+        sqlx::query(insert).bind(study).execute(&mut database).await.expect("a study");
         for trial in trials {
-            sqlx::query("INSERT INTO trials VALUES (?, 'me', 'mine', ?, ?)")
-                .bind(format!("owners/me/studies/mine/trials/{}", trial.id))
-                .bind(trial.id.parse::<i64>().expect("a number"))
-                .bind(trial.encode_to_vec())
-                .execute(&mut database)
-                .await
-                .expect("a trial");
+            let (name, id) = (format!("owners/me/studies/mine/trials/{}", trial.id), trial.id.parse::<i64>());
+            let saving = sqlx::query("INSERT INTO trials VALUES (?, 'me', 'mine', ?, ?)").bind(name);
+            let saving = saving.bind(id.expect("a number")).bind(trial.encode_to_vec());
+            saving.execute(&mut database).await.expect("a trial");
         }
     });
 }

@@ -73,15 +73,9 @@ fn mistakes_are_placed() {
 }
 
 fn parameters() -> SpaceBuilder {
-    Space::builder()
-        .integer("a", -100..=100)
-        .default(7)
-        .integer("b", -100..=100)
-        .default(2)
-        .float("x", -10.0..=10.0)
-        .default(0.5)
-        .boolean("flag")
-        .default(true)
+    let space = Space::builder().integer("a", -100..=100).default(7).integer("b", -100..=100).default(2);
+    let space = space.float("x", -10.0..=10.0).default(0.5).boolean("flag").default(true);
+    space
         .categorical("layout", ["soa", "aos"])
         .default("soa")
         .categorical("width", [4, 8, 16])

@@ -64,15 +64,9 @@ impl SqliteTokens {
         let mut connection = self.connection().await?;
         let mut transaction = connection.begin().await.map_err(failed)?;
         for (id, more) in used {
-            let added = sqlx::query(ADD)
-                .bind(day)
-                .bind(signed(more.studies))
-                .bind(signed(more.trials))
-                .bind(signed(more.bytes))
-                .bind(id)
-                .execute(&mut *transaction)
-                .await
-                .map_err(failed)?;
+            let [studies, trials, bytes] = [more.studies, more.trials, more.bytes].map(signed);
+            let adding = sqlx::query(ADD).bind(day).bind(studies).bind(trials).bind(bytes).bind(id);
+            let added = adding.execute(&mut *transaction).await.map_err(failed)?;
             let rows = added.rows_affected();
             assert!(rows <= 1, "token {id:?} is counted {rows} times");
         }

@@ -117,18 +117,10 @@ macro_rules! token_store {
                 return Err(TokenError::TooMany(limits::TOKENS));
             }
             let (studies, quota) = texts(&token.studies, &token.quota)?;
-            let inserted = sqlx::query(INSERT)
-                .bind(&token.id)
-                .bind(&token.name)
-                .bind(token.hash.as_slice())
-                .bind(treewright_core::words::Word::word(token.scope))
-                .bind(studies)
-                .bind(quota)
-                .bind(token.create_ms)
-                .bind(token.expire_ms)
-                .bind(token.revoke_ms)
-                .execute(connection)
-                .await;
+            let scope = treewright_core::words::Word::word(token.scope);
+            let saving = sqlx::query(INSERT).bind(&token.id).bind(&token.name).bind(token.hash.as_slice());
+            let saving = saving.bind(scope).bind(studies).bind(quota).bind(token.create_ms);
+            let inserted = saving.bind(token.expire_ms).bind(token.revoke_ms).execute(connection).await;
             match inserted {
                 Ok(_) => Ok(()),
                 Err(error) if error.as_database_error().is_some_and(|error| error.is_unique_violation()) => {

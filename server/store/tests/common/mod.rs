@@ -104,20 +104,14 @@ pub(crate) async fn pages(store: &dyn Store, study: &str, mut query: TrialQuery)
 
 /// A study with a parameter of each kind.
 pub(crate) fn spec() -> StudySpec {
-    let space = Space::builder()
-        .integer("leaf", 1..=32)
-        .default(8)
-        .float("cost", -1e9..=1e9)
-        .default(1.5)
+    let space = Space::builder().integer("leaf", 1..=32).default(8).float("cost", -1e9..=1e9).default(1.5);
+    let space = space
         .categorical("quality", ["low", "high", "it's \"odd\" \\ ä"])
         .default("low")
         .boolean("compact")
         .default(false);
-    let spec = StudySpec::builder(space.build().expect("a valid space"))
-        .display_name("A hall")
-        .indicator("triangles", 0.0..=1e6, Scale::Log)
-        .minimise("render_ms", 1.0)
-        .seed(7);
+    let spec = StudySpec::builder(space.build().expect("a valid space")).display_name("A hall");
+    let spec = spec.indicator("triangles", 0.0..=1e6, Scale::Log).minimise("render_ms", 1.0).seed(7);
     spec.build().expect("a valid study").with_policy(Policy::default())
 }
 
