@@ -196,10 +196,8 @@ mod tests {
         assert_eq!(configuration.text("split"), Ok("sah"));
         assert_eq!(configuration.float("cost"), Ok(1.5));
         assert_eq!(configuration.boolean("compact"), Ok(true));
-        assert_eq!(
-            configuration.float("quality").expect_err("an integer").to_string(),
-            "the configuration has no float named `quality`: found the integer 2"
-        );
+        let problem = configuration.float("quality").expect_err("an integer").to_string();
+        assert_eq!(problem, "the configuration has no float named `quality`: found the integer 2");
         assert_eq!(configuration.integer("depth").expect_err("unknown").found, "nothing of that name");
     }
 

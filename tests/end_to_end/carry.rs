@@ -96,10 +96,8 @@ fn a_parameter_and_an_indicator_are_added_and_what_was_learnt_stays() {
     assert_eq!(names, ["studies/toy", "studies/toy-3"]);
     assert_eq!(ask(daemon.url(), &["trials", "toy-3", "--all"]).as_array().map(Vec::len), Some(9));
     say(daemon.url(), &["pin", "toy", "level=20"]);
-    assert_eq!(
-        ask(daemon.url(), &["suggest", "toy", "--indicator", "megabytes=1"])["configuration"]["level"],
-        20
-    );
+    let suggested = ask(daemon.url(), &["suggest", "toy", "--indicator", "megabytes=1"]);
+    assert_eq!(suggested["configuration"]["level"], 20);
     say(daemon.url(), &["unpin", "toy"]);
     assert_eq!(ask(daemon.url(), &["freeze", "toy"])["operation"], "freeze");
     assert_eq!(ask(daemon.url(), &["thaw", "toy"])["operation"], "tune");

@@ -241,10 +241,8 @@ fn a_daemon_that_stays_away_takes_nothing_with_it() {
     let words: Vec<_> = command.expect("it says how").split(' ').collect();
     let daemon = Daemon::start_at(&database, &address);
     let printed = say(daemon.url(), &[&["report"][..], &words].concat());
-    assert!(
-        printed.starts_with("reported studies/left") && printed.contains("/trials/4"),
-        "{words:?}: {printed}"
-    );
+    assert!(printed.starts_with("reported studies/left"), "{words:?}: {printed}");
+    assert!(printed.contains("/trials/4"), "{words:?}: {printed}");
 }
 
 #[test]

@@ -122,10 +122,7 @@ fn bit(argument: u8, bits: u64) -> Value {
 /// The calls that a word of `SystemCallFilter` stands for: one, or a group.
 fn calls(word: &str) -> Vec<String> {
     if !word.starts_with('@') {
-        assert!(
-            word.bytes().all(|byte| byte.is_ascii_alphanumeric() || byte == b'_'),
-            "{word} is not understood"
-        );
+        assert!(word.bytes().all(|byte| byte.is_ascii_alphanumeric() || byte == b'_'), "what is {word}?");
         return vec![word.to_owned()];
     }
     let mut groups: BTreeMap<&str, Vec<&str>> = BTreeMap::new();

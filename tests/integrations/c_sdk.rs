@@ -64,10 +64,7 @@ fn the_header_declares_what_the_library_exports() {
         let symbols =
             succeed(Command::new("nm").args(["-D", "--defined-only"]).arg(built().join("libtreewright.so")));
         for name in declared.keys() {
-            assert!(
-                symbols.lines().any(|line| line.ends_with(&format!(" T {name}"))),
-                "{name} is not exported"
-            );
+            assert!(symbols.lines().any(|line| line.ends_with(&format!(" T {name}"))), "there is no {name}");
         }
     }
 }
@@ -236,10 +233,8 @@ fn a_renderer_on_embree_is_tuned() {
         assert!(["field", "needles", "boxes"].iter().any(|name| line["scene"] == *name), "{line}");
         assert_eq!(line["fixed"].as_array().map(Vec::len), Some(7), "{line}");
         assert_eq!(line["trial_costs"].as_array().map(Vec::len), Some(12), "{line}");
-        assert!(
-            line["tuned"]["quality"].is_string() && line["tuned_costs"][0].as_f64() > Some(0.0),
-            "{line}"
-        );
+        assert!(line["tuned"]["quality"].is_string(), "{line}");
+        assert!(line["tuned_costs"][0].as_f64() > Some(0.0), "{line}");
     }
     assert!(lines.iter().any(|line| line["from_daemon"].as_f64() > Some(0.0)), "{said}");
 }

@@ -10,13 +10,8 @@ pub(crate) fn succeed(command: &mut Command) -> String {
     let shown = format!("{command:?}");
     let output: Output = command.output().unwrap_or_else(|error| panic!("{shown} does not start: {error}"));
     let said = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
-    assert!(
-        output.status.success(),
-        "{shown}: {}\n{}{}",
-        output.status,
-        said(&output.stdout),
-        said(&output.stderr)
-    );
+    let all = [&output.stdout, &output.stderr].map(|text| said(text)).concat();
+    assert!(output.status.success(), "{shown}: {}\n{all}", output.status);
     said(&output.stdout)
 }
 

@@ -66,10 +66,8 @@ fn trials_are_read_to_the_limit() {
     let shown = answer(&fake, &["trials", "sponza"]);
     let rows: Vec<_> = shown.lines().filter(|line| line.contains("max_depth=")).collect();
     assert_eq!(rows.len(), 5, "{shown}");
-    assert!(
-        shown.contains("DEFAULT") && shown.contains(" 10 ") && rows[0].contains("max_depth=32"),
-        "{shown}"
-    );
+    assert!(shown.contains("DEFAULT") && shown.contains(" 10 "), "{shown}");
+    assert!(rows[0].contains("max_depth=32"), "{shown}");
     assert!(shown.contains("6.5000"), "{shown}");
     assert!(shown.contains("INFEASIBLE: depth limit reached"), "whole words in a pipe: {shown}");
     let some = answer(&fake, &["trials", "sponza", "--limit", "3", "--order-by", "number desc"]);

@@ -155,10 +155,8 @@ async fn a_daemon_that_dies_within_a_trial_gets_its_report_later() {
     fake.go_away();
     for _frame in 1..4 {
         let suggestion = tuner.next(&state(1), previous.take()).await;
-        assert_eq!(
-            (suggestion.source(), suggestion.trial()),
-            (Source::Daemon, Some("studies/scene/trials/1"))
-        );
+        let answer = (suggestion.source(), suggestion.trial());
+        assert_eq!(answer, (Source::Daemon, Some("studies/scene/trials/1")));
         previous = finish(suggestion, 5.0);
     }
     assert_eq!(tuner.next(&state(1), previous.take()).await.source(), Source::LastGood);

@@ -73,10 +73,8 @@ fn what_is_pinned_is_read_as_it_is_shown() {
 #[test]
 fn a_change_names_only_what_changes() {
     let new = PolicySettings::new;
-    assert_eq!(
-        PolicyChange::set(new().epsilon(0.0).lease_s(5)).paths(),
-        ["policy.epsilon", "policy.lease_s"]
-    );
+    let change = PolicyChange::set(new().epsilon(0.0).lease_s(5));
+    assert_eq!(change.paths(), ["policy.epsilon", "policy.lease_s"]);
     assert_eq!(PolicyChange::unpin().paths(), ["policy.pinned"]);
     let set = new().epsilon(0.5).regret_budget(0.05);
     let change = PolicyChange { clear: vec!["regret_budget".into()], set };

@@ -247,10 +247,8 @@ mod tests {
         let space =
             SpaceBuilder::new().integer("block", 8..=72).step(16).default(24).build().expect("a space");
         let all = space.enumerate().expect("they are few");
-        assert_eq!(
-            all.iter().map(|one| one.key()).collect::<Vec<_>>(),
-            [8, 24, 40, 56, 72].map(|block| format!("block={block}"))
-        );
+        let keys = all.iter().map(|one| one.key()).collect::<Vec<_>>();
+        assert_eq!(keys, [8, 24, 40, 56, 72].map(|block| format!("block={block}")));
         assert_eq!(space.decode(&[0.3]).key(), "block=24");
         let problem = |step| problem(SpaceBuilder::new().integer("block", 8..=72).step(step).default(20));
         assert!(problem(16).contains("with block = 20; change a default"));

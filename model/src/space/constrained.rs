@@ -223,8 +223,6 @@ fn an_inactive_parameter_makes_a_constraint_hold() {
     assert_eq!(space.decode(&[0.0, 1.0, 1.0]).key(), "tiled=false;width=64");
     let repaired = space.decode(&[1.0, 1.0, 1.0]);
     assert!(repaired == space.decode(&[1.0, 1.0, 1.0]) && repaired.key() != "tiled=true;tile=64;width=64");
-    assert_eq!(
-        space.enumerate().map(|all| all.len()),
-        Some(64 + (1..=64).map(|tile| 64 / tile).sum::<usize>())
-    );
+    let expected = 64 + (1..=64).map(|tile| 64 / tile).sum::<usize>();
+    assert_eq!(space.enumerate().map(|all| all.len()), Some(expected));
 }

@@ -168,10 +168,8 @@ impl Holder {
         let mut used = self.used.lock().unwrap_or_else(PoisonError::into_inner);
         debug_assert_eq!(what.bytes, 0, "bytes are not reserved");
         let reserved = &mut used.reserved;
-        debug_assert!(
-            reserved.studies >= what.studies && reserved.trials >= what.trials,
-            "{reserved:?}, {what:?}"
-        );
+        debug_assert!(reserved.studies >= what.studies, "{reserved:?}, {what:?}");
+        debug_assert!(reserved.trials >= what.trials, "{reserved:?}, {what:?}");
         reserved.studies = reserved.studies.saturating_sub(what.studies);
         reserved.trials = reserved.trials.saturating_sub(what.trials);
         if came_about {

@@ -123,10 +123,8 @@ mod tests {
         let given = of(given);
         let update = StudyUpdate::read(given.clone(), mask(&["policy.lease_s", "policy.epsilon"]));
         let merged = update.unwrap().merged(current.clone()).unwrap();
-        assert_eq!(
-            merged,
-            RawPolicy { epsilon: 0.0, lease_s: 7, trials_per_state: 5, ..RawPolicy::default() }
-        );
+        let expected = RawPolicy { epsilon: 0.0, lease_s: 7, trials_per_state: 5, ..RawPolicy::default() };
+        assert_eq!(merged, expected);
         let update = StudyUpdate::read(given.clone(), mask(&["policy.freeze_risk"])).unwrap();
         assert_eq!(update.merged(current.clone()).unwrap(), current);
         for whole in [None, mask(&[]), mask(&["policy"])] {

@@ -77,10 +77,7 @@ pub(super) fn rank(sorted: &[f64], value: f64) -> f64 {
 
 /// Costs by trial, the best so far, and the levels, in the study's view of costs.
 pub(super) fn curve(points: &[CurvePoint], levels: &[Level], view: &CostView) -> String {
-    debug_assert!(
-        points.is_sorted_by(|a, b| a.number < b.number),
-        "the best so far is of the trials before, which come first"
-    );
+    debug_assert!(points.is_sorted_by(|a, b| a.number < b.number), "trials come in their order");
     let measured = || points.iter().filter_map(|point| Some((point.number, point.cost?)));
     let (Some(first), Some(last)) = (points.first(), points.last()) else {
         return nothing("Nothing has been measured yet.");

@@ -54,11 +54,9 @@ pub(crate) fn check<B>(key: Option<&ReplicaKey>, request: &mut Request<B>) {
     } else {
         request.headers_mut().remove(FORWARDED);
     }
-    assert_eq!(
-        request.headers().contains_key(FORWARDED),
-        request.extensions().get::<Counted>().is_some(),
-        "a request keeps the mark and is not from a replica, or the other way"
-    );
+    let has_mark = request.headers().contains_key(FORWARDED);
+    let is_counted = request.extensions().get::<Counted>().is_some();
+    assert_eq!(has_mark, is_counted, "it keeps the mark and is not from a replica, or the other way");
 }
 
 impl std::fmt::Debug for ReplicaKey {

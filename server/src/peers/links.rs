@@ -126,10 +126,8 @@ mod tests {
         assert!(!links.note(address, true), "there is no connection");
         links.channel(address).unwrap();
         assert!(!links.note(address, false));
-        assert_eq!(
-            [true, true, false, false, true].map(|silent| links.note(address, silent)),
-            [true, false, true, false, true]
-        );
+        let said = [true, true, false, false, true].map(|silent| links.note(address, silent));
+        assert_eq!(said, [true, false, true, false, true]);
         links.channel(address).unwrap();
         assert!(!links.note(address, true), "the connection lasts");
     }

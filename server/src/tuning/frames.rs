@@ -231,10 +231,7 @@ impl Live {
     ) -> Result<Result<(Trial, Change), TunerError>, Preparation> {
         let Suggest { ask, wanted, .. } = suggest;
         let ask = &ask.at(now_ms);
-        assert!(
-            suggest.ask.origin.is_none() || wanted.is_some(),
-            "what is not decided yet was measured elsewhere"
-        );
+        assert!(suggest.ask.origin.is_none() || wanted.is_some(), "an origin of what is not decided yet");
         if let Some(wanted) = wanted {
             debug_assert!(prepared.plan.is_none(), "a wish needs no plan");
             return Ok(self.tuner.suggest_wanted(ask, wanted.clone(), now_ms));
@@ -320,14 +317,8 @@ fn note(suggest: &Suggest, trial: &Trial, change: &Change) {
     assert_eq!(trial.client_id, suggest.ask.client_id, "trial {} is another's", trial.number);
     let (study, client) = (suggest.study.id.as_str(), trial.client_id.as_str());
     if !change.visits.is_empty() {
-        tracing::debug!(
-            study,
-            client,
-            state = trial.state_id,
-            mode = ?trial.mode(),
-            "client came to a state: {}",
-            trial.reason().summary
-        );
+        let (state, mode) = (trial.state_id, trial.mode());
+        tracing::debug!(study, client, state, ?mode, "client came to a state: {}", trial.reason().summary);
     }
     tracing::trace!(study, client, trial = trial.number, "suggested");
 }

@@ -16,12 +16,9 @@ impl Tuning {
         let created = self.store().create_study(id, spec, self.now_ms()).await?;
         assert_eq!(created.study.id, id, "another study was created");
         if created.is_new {
-            tracing::info!(
-                study = id,
-                parameters = spec.space.parameters().len(),
-                indicators = spec.indicators.indicators().len(),
-                "study created"
-            );
+            let (parameters, indicators) =
+                (spec.space.parameters().len(), spec.indicators.indicators().len());
+            tracing::info!(study = id, parameters, indicators, "study created");
         }
         Ok(created)
     }

@@ -94,10 +94,7 @@ impl StudyRows {
             .into_iter()
             .filter_map(|row| adopted(row.into_trial(), |trial| trial.adopt(earlier, space).map_err(misfit)))
             .collect::<Result<Vec<Trial>, _>>()?;
-        debug_assert!(
-            rise_behind(0, open_trials.iter().map(|trial| trial.number)),
-            "open trials come by rising number, from 1"
-        );
+        debug_assert!(rise_behind(0, open_trials.iter().map(|trial| trial.number)), "numbers rise from 1");
         debug_assert!(rise_behind(0, self.states.iter().map(|state| state.id)), "ids rise from 1");
         let snapshot = Snapshot {
             states: self.states,

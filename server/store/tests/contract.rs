@@ -67,10 +67,8 @@ async fn creating_is_idempotent_for_equal_specifications(store: &dyn Store) {
     let mut other = spec();
     other.seed = 8;
     let error = store.create_study("hall", &other, 9).await.unwrap_err();
-    assert_eq!(
-        error,
-        StoreError::StudyExists { study: "hall".to_owned(), difference: "seed is 7 against 8".to_owned() }
-    );
+    let difference = "seed is 7 against 8".to_owned();
+    assert_eq!(error, StoreError::StudyExists { study: "hall".to_owned(), difference });
 }
 
 async fn studies_are_listed_by_id(store: &dyn Store) {
@@ -548,10 +546,8 @@ async fn unknown_names_are_named(store: &dyn Store) {
     assert_eq!(store.query_trials("hal", &query).await.unwrap_err(), error);
     store.create_study("hall", &spec(), 5).await.unwrap();
     for number in [1, u64::MAX] {
-        assert_eq!(
-            store.get_trial("hall", number).await.unwrap_err(),
-            StoreError::TrialNotFound { study: "hall".to_owned(), number }
-        );
+        let missing = store.get_trial("hall", number).await.unwrap_err();
+        assert_eq!(missing, StoreError::TrialNotFound { study: "hall".to_owned(), number });
     }
 }
 

@@ -207,10 +207,8 @@ async fn after_a_deleted_log_an_orderly_end_saves_everything() {
         std::fs::remove_file(directory.path().join(format!("studies.db{suffix}"))).unwrap();
         let error = store.commit(&fence, &[change(vec![open(41)])]).durable().await.unwrap_err();
         let said = error.to_string();
-        assert!(
-            said.contains("stop the daemon with SIGTERM") && said.contains("Restore no backup"),
-            "{said}"
-        );
+        assert!(said.contains("stop the daemon with SIGTERM"), "{said}");
+        assert!(said.contains("Restore no backup"), "{said}");
         store.close().await;
         treewright_store::maintenance::check(&path).await.expect("sound");
         let store = SqliteStore::open(&path).await.unwrap();

@@ -280,10 +280,8 @@ mod tests {
     #[test]
     fn every_piece_of_a_deleted_study_has_a_limit() {
         for statement in [REAP_TRIALS, REAP_VISITS, REAP_STATES, REAP_CHECKPOINTS] {
-            assert!(
-                statement.contains("WHERE study = $1") && statement.ends_with("LIMIT $2)"),
-                "{statement}"
-            );
+            assert!(statement.contains("WHERE study = $1"), "{statement}");
+            assert!(statement.ends_with("LIMIT $2)"), "{statement}");
         }
     }
 }

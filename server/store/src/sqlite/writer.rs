@@ -172,11 +172,7 @@ async fn transaction(
     if let [WriteJob { command: WriteCommand::Change { fence, change: StudyChange::Commit(rows) }, .. }] =
         group
     {
-        debug_assert!(
-            !fence.holds() || commands::is_in_force(fences, fence),
-            "two fences of {} hold",
-            fence.study()
-        );
+        debug_assert!(!fence.holds() || commands::is_in_force(fences, fence), "two fences hold");
         return lone_commit(connection, fence, rows).await;
     }
     execute(connection, "BEGIN IMMEDIATE").await.map_err(database_failed)?;

@@ -59,10 +59,7 @@ impl From<UsageRow> for Usage {
 
 /// Reads all tokens, which come the oldest first.
 pub(crate) fn records(rows: Vec<TokenRow>) -> Result<Vec<TokenRecord>, TokenError> {
-    debug_assert!(
-        rows.is_sorted_by(|a, b| (a.create_ms, &a.id) < (b.create_ms, &b.id)),
-        "tokens come the oldest first, each once"
-    );
+    debug_assert!(rows.is_sorted_by(|a, b| (a.create_ms, &a.id) < (b.create_ms, &b.id)), "oldest first");
     rows.into_iter().map(TokenRow::record).collect()
 }
 
