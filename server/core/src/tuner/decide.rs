@@ -16,6 +16,7 @@ use crate::trial::Neighbour;
 use crate::tuner::confirmation::Answered;
 use crate::tuner::plan::Planned;
 use crate::tuner::proposal::Exploitation;
+use crate::tuner::transfer::Transfer;
 use crate::tuner::{Ask, Prediction, Prospect, Tuner, VisitDecision};
 
 /// A client that stays for this number of frames divided by epsilon explores without a draw, unless the
@@ -336,10 +337,20 @@ impl Tuner {
         here: Option<StateId>,
         planned: &Planned,
     ) -> Exploitation {
+        self.measured_answer_by(self.transfer(), normalised, here, planned)
+    }
+
+    /// [`Tuner::measured_answer`] by this transfer from other states.
+    pub(super) fn measured_answer_by<'a>(
+        &'a self,
+        transfer: Transfer<'a>,
+        normalised: &'a [f64],
+        here: Option<StateId>,
+        planned: &Planned,
+    ) -> Exploitation {
         if let Some(best) = here.and_then(|state| self.best_known(state, None, planned)) {
             return best;
         }
-        let transfer = self.transfer();
         let by_machines = here.and_then(|state| transfer.best_by_machines(state));
         if let Some(best) = by_machines.filter(|best| self.is_repeated(&best.source)) {
             return best;

@@ -18,6 +18,7 @@ use crate::tuner::budget::Terms;
 use crate::tuner::decide::Ground;
 use crate::tuner::explore::is_spent;
 use crate::tuner::plan::{PlanRequest, Planned};
+use crate::tuner::transfer::Transfer;
 use crate::tuner::{Ask, Question, Tuner, VisitDecision};
 
 impl Tuner {
@@ -46,7 +47,7 @@ impl Tuner {
     /// says whether to plan for a state's search: one plan for it at a time is enough.
     pub fn plan(&self, question: &Question<'_>, may_plan: impl Fn(StateId) -> bool) -> Option<PlanRequest> {
         let Question { ask, normalised, state: here } = question;
-        let (policy, here, transfer) = (&self.spec.policy, *here, self.transfer());
+        let (policy, here) = (&self.spec.policy, *here);
         if policy.pinned.is_some() {
             return None;
         }
@@ -62,14 +63,16 @@ impl Tuner {
             Some((machines, machine)) => (machines, *machine),
             None => (machines, found.unwrap_or_default()),
         };
-        let query = || Query { machines, machine, ..self.states.query(&self.spec.space, normalised, here) };
+        let transfer = Transfer { asking: Some((machines, machine)), ..self.transfer() };
+        let query = || transfer.query(normalised, here);
         let (predictor, predictors) = (policy.predictor, &self.models.predictors);
         let ground = self.ground(&ask.session_policy);
         let answer = || {
             if ground == Ground::Measured || !transfer.needs_predictor(here) {
                 return None;
             }
-            let measured = self.measured_answer(normalised, here, &Planned::Ahead(Box::default()));
+            let ahead = Planned::Ahead(Box::default());
+            let measured = self.measured_answer_by(transfer, normalised, here, &ahead);
             predictors.request(predictor, &Query { rival: Some(&measured.configuration), ..query() })
         };
         let first = || predictors.proposal(predictor, &query(), self.trials.last().0 + 1);

@@ -104,7 +104,7 @@ impl Tuner {
 
     pub(super) fn transfer(&self) -> Transfer<'_> {
         let Tuner { spec, states, searches, trials, models, .. } = self;
-        Transfer { spec, states, searches, trials, models }
+        Transfer { spec, states, searches, trials, models, asking: None }
     }
 
     /// The state whose best is asked for.

@@ -229,13 +229,14 @@ mod tests {
         assert!(visits.account("a").is_none(), "nobody is there yet");
         visits.begin(visit("a", 1, 0));
         visits.keep_account(&ask(7), &policy, StateId(1), TrialNumber(0));
-        visits.account_mut("a").expect("there is a budget").report(1, 1, Some(10.0), true);
+        let account = visits.account_mut("a").expect("there is a budget");
+        (1..3).for_each(|number| account.report(number, 1, Some(10.0), true));
         visits.begin(visit("a", 2, 0));
         visits.keep_account(&ask(7), &policy, StateId(2), TrialNumber(1));
         assert_eq!(visits.state_of("a"), Some(StateId(2)));
         assert_eq!(
             visits.account("a").map(|account| account.left(0.1)),
-            Some(1.0),
+            Some(2.0),
             "earned in the state before"
         );
         visits.keep_account(&ask(8), &policy, StateId(2), TrialNumber(1));
@@ -258,7 +259,7 @@ mod tests {
                 let ask = Ask { client_id: client.into(), ..Ask::default() };
                 visits.keep_account(&ask, &policy, StateId(state_id), TrialNumber(0));
                 let account = visits.account_mut(client).expect("there is a budget");
-                account.report(1, state_id, Some(10.0), true);
+                (1..3).for_each(|number| account.report(number, state_id, Some(10.0), true));
             }
         }
         let (forgotten, changed) = visits.disown(StateId(1));
@@ -273,6 +274,6 @@ mod tests {
         let leave = |client| visits.account(client).expect("it stays").leave(terms, true, true);
         assert_eq!(leave("a"), Err(Denied::NoReference));
         assert!(matches!(leave("c"), Err(Denied::TooLittle(_))));
-        assert_eq!(visits.account("a").map(|account| account.left(0.1)), Some(1.0), "it earned that");
+        assert_eq!(visits.account("a").map(|account| account.left(0.1)), Some(2.0), "it earned that");
     }
 }

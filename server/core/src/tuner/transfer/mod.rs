@@ -19,7 +19,8 @@ use crate::configuration::Configuration;
 use crate::decision::ExploitSource;
 use crate::gp::Posterior;
 use crate::gp::acquisition::is_worth;
-use crate::ids::StateId;
+use crate::ids::{MachineId, StateId};
+use crate::machines::Machines;
 use crate::policy::PredictorMethod;
 use crate::predict::state_index::IndexEntry;
 use crate::predict::{Answer, Nearest, Predictor as _, Query, RUNS_LEAST, WORTH, runs_after};
@@ -47,11 +48,18 @@ pub(super) struct Transfer<'a> {
     pub(super) searches: &'a Searches,
     pub(super) trials: &'a OpenTrials,
     pub(super) models: &'a Models,
+    /// The machine that asks, and all machines with it, where its state is not there yet; the study's first
+    /// one without.
+    pub(super) asking: Option<(&'a Machines, MachineId)>,
 }
 
 impl<'a> Transfer<'a> {
-    fn query(&self, normalised: &'a [f64], here: Option<StateId>) -> Query<'a> {
-        self.states.query(&self.spec.space, normalised, here)
+    pub(super) fn query(&self, normalised: &'a [f64], here: Option<StateId>) -> Query<'a> {
+        let query = self.states.query(&self.spec.space, normalised, here);
+        match self.asking.filter(|_| here.is_none()) {
+            Some((machines, machine)) => Query { machines, machine, ..query },
+            None => query,
+        }
     }
 
     /// The configuration that the policy's predictor would exploit for these indicators in place of a
