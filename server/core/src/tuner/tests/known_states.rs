@@ -1,5 +1,5 @@
-//! Knowledge of other states does no harm: a search beside 1, 3 and 30 known states, the nearest of which wants
-//! the opposite, ends where a search alone does or lower. A lucky measurement does not travel.
+//! Knowledge of other states does no harm: a search beside 1, 3 and 30 known states, the nearest of which
+//! wants the opposite, ends where a search alone does or lower. A lucky measurement does not travel.
 //!
 //! `-- --nocapture` prints the ratios, as rows of a table in `docs/measurements/warm-start.md`.
 
