@@ -142,8 +142,8 @@ fn known_states_of_which_one_wants_the_opposite_do_no_harm() {
     }
 }
 
-/// A flat state is searched and confirmed to the end. Then one configuration is measured there once, while the
-/// machine runs at twice its speed.
+/// A flat state is searched and confirmed to the end. Then one configuration is measured there once, while
+/// the machine runs at twice its speed.
 #[test]
 fn a_lucky_single_of_a_known_state_is_no_answer_of_a_new_one() {
     for seed in 0..4 {
