@@ -18,8 +18,8 @@ thread_local! {
 /// Adds one sample to each pixel of the film, as its next one, on the rayon pool it is called in.
 /// `needs` are those of the scene, or more, which changes no picture.
 ///
-/// No tile begins after `until`. Returns whether there was time for all tiles; a film that lacks some is of no
-/// use until it is cleared.
+/// No tile begins after `until`. Returns whether there was time for all tiles; a film that lacks some is of
+/// no use until it is cleared.
 ///
 /// # Panics
 /// If `needs` do not cover those of the scene.

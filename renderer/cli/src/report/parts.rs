@@ -116,7 +116,7 @@ pub(crate) fn on_the_way(results: &TuningResults) -> Vec<WayRow> {
     rows
 }
 
-/// The frames, and the time spent, after which answers are shown to be faster than the start by round factors.
+/// The frames and the time after which answers are shown to be faster than the start by round factors.
 pub(crate) fn until(results: &TuningResults) -> Option<String> {
     let one = |factor: &f64| {
         let (frame, ms) = results.spent_until(results.trials_until(*factor)?);
