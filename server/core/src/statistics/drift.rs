@@ -17,6 +17,10 @@ const STEP: f64 = 0.25;
 const JUMP: f64 = 0.5;
 /// Innovations of more standard deviations are jumps.
 const GATE: f64 = 4.0;
+/// Deviations of each measurement that a cumulative sum forgives, and its height above which costs have
+/// shifted. Where frames scatter by 2 %, a shift of 10 % is about four deviations.
+const FORGIVEN: f64 = 1.5;
+const SHIFTED: f64 = 1.5;
 /// The largest magnitude of the logarithm of a factor, so that factors and their inverses are finite.
 const LOG_FACTOR_MAX: f64 = 700.0;
 
@@ -46,14 +50,24 @@ impl Speed {
         assert!((0.0..=JUMP * JUMP).contains(&self.variance), "a variance of {}", self.variance);
     }
 
+    /// The distance of a measurement from the one that is expected at present, in standard deviations: what
+    /// [`hold`](Speed::hold) is about to take.
+    pub fn deviations(&self, cost: f64, expected: f64, noise: f64) -> f64 {
+        (seen(cost, expected) - self.log_factor) / self.spread(noise).max(f64::MIN_POSITIVE)
+    }
+
+    /// The standard deviation of a measurement beside what is expected.
+    fn spread(&self, noise: f64) -> f64 {
+        (self.variance + noise * noise).sqrt()
+    }
+
     /// Takes a measurement of a configuration whose cost is known to be `expected` at the factor 1. Both
     /// costs are above 0. One measurement far off counts as an accident; a second one like it counts as a
     /// jump.
     pub fn hold(&mut self, cost: f64, expected: f64, noise: f64) {
-        let seen = libm::log(cost.max(f64::MIN_POSITIVE)) - libm::log(expected.max(f64::MIN_POSITIVE));
+        let seen = seen(cost, expected);
         let innovation = seen - self.log_factor;
-        let spread = (self.variance + noise * noise).sqrt();
-        if innovation.abs() > GATE * spread {
+        if innovation.abs() > GATE * self.spread(noise) {
             let agrees = self.suspects.is_some_and(|before| (seen - before).abs() <= GATE * noise);
             if !agrees {
                 self.suspects = Some(seen);
@@ -83,6 +97,31 @@ impl Speed {
     /// The number of jumps of the speed.
     pub fn jumps(&self) -> u64 {
         self.jumps
+    }
+}
+
+/// The logarithm of a cost over the expected one.
+fn seen(cost: f64, expected: f64) -> f64 {
+    libm::log(cost.max(f64::MIN_POSITIVE)) - libm::log(expected.max(f64::MIN_POSITIVE))
+}
+
+/// Whether known costs have shifted by less than a jump: a cumulative sum to either side (Page, "Continuous
+/// inspection schemes", Biometrika 41, 1954). It sees a lasting shift soonest for its rate of false alarms.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct ShiftSums {
+    rise: f64,
+    fall: f64,
+}
+
+impl ShiftSums {
+    /// Takes the distance of a measurement from the expected one, in standard deviations. Whether costs have
+    /// shifted. A wild measurement counts as the least jump.
+    pub fn take(&mut self, deviations: f64) -> bool {
+        let off = deviations.clamp(-GATE, GATE);
+        self.rise = (self.rise + off - FORGIVEN).max(0.0);
+        self.fall = (self.fall - off - FORGIVEN).max(0.0);
+        assert!(self.rise >= 0.0 && self.fall >= 0.0, "sums of {self:?}");
+        self.rise.max(self.fall) > SHIFTED
     }
 }
 
@@ -152,10 +191,28 @@ mod tests {
         assert!((speed.factor() - 3.05).abs() < 0.05);
     }
 
+    /// Frames until costs that shift by `shift` deviations are noticed; all of `frames` where they are not.
+    fn noticed_after(shift: f64, frames: usize, seed: u64) -> usize {
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        let mut sums = ShiftSums::default();
+        (1..=frames).find(|_| sums.take(shift + normal(&mut random))).unwrap_or(frames)
+    }
+
+    #[test]
+    fn a_shift_of_four_deviations_is_noticed_within_three_frames_and_calm_lasts_for_hundreds() {
+        for side in [-1.0, 1.0] {
+            let soon = (0..100).filter(|&seed| noticed_after(4.0 * side, 100, seed) <= 3).count();
+            assert!(soon >= 98, "{soon} of 100");
+        }
+        let calm: usize = (0..40).map(|seed| noticed_after(0.0, 1000, seed)).sum();
+        assert!(calm >= 40 * 150, "{calm} calm frames in 40 runs");
+    }
+
     #[test]
     fn extremes_stay_finite() {
         let mut speed = Speed::default();
         for cost in [0.0, 0.0, f64::MAX, f64::MAX, 5e-324, 1.0] {
+            assert!(!speed.deviations(cost, 1.0, 0.0).is_nan());
             speed.hold(cost, 1.0, 0.0);
             assert!(speed.factor().is_finite());
         }

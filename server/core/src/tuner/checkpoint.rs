@@ -26,7 +26,7 @@ use crate::tuner::speeds::Speeds;
 use crate::tuner::{Checkpoint, CheckpointTooLarge, Tuner};
 
 /// To be raised whenever anything changes that a checkpoint holds, or how trials are learnt.
-const VERSION: u64 = 19;
+const VERSION: u64 = 20;
 
 /// The knowledge of a tuner. It is taken in a moment, because it shares its tables with the tuner until one
 /// of them changes.

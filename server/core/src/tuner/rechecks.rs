@@ -1,14 +1,19 @@
 //! Whether a machine has changed its speed, or a state its costs.
 //!
-//! The cost of a known configuration may jump for two reasons. The machine became slower or faster, which
+//! The cost of a known configuration may shift for two reasons. The machine became slower or faster, which
 //! moves all costs alike. Or the state changed in a way that its indicators do not show, and its old results
 //! no longer hold. A second known configuration, run in turns with the first, separates the two: neighbouring
 //! runs share the machine's speed, so the ratio of their costs is that of the state. Where the ratio
 //! contradicts the old one, the state is searched again from the beginning.
 //!
+//! The ratios are weighed after each pair of runs by the likelihood of a change of 10 % over that of none
+//! (Wald, "Sequential tests of statistical hypotheses", Annals of Mathematical Statistics 16, 1945). So a
+//! clear case takes two pairs, and a machine that became slower often one.
+//!
 //! All of it follows from the completed trials in their order, so a restored tuner has it again.
 
 use std::collections::BTreeMap;
+use std::f64::consts::SQRT_2;
 
 use serde::{Deserialize, Serialize};
 
@@ -16,20 +21,26 @@ use crate::configuration::Configuration;
 use crate::ids::StateId;
 use crate::limits::RECHECKS_MAX;
 use crate::results::{Record, ResultTable};
-use crate::robust::lower_median;
 use crate::tuner::confirmation::Stored;
 
-/// Ratios of neighbouring runs that decide a recheck.
-const RATIOS: usize = 4;
+/// The least number of ratios of neighbouring runs that show a change of the state, and the most that are
+/// waited for.
+const RATIOS_LEAST: usize = 2;
+const RATIOS_MAX: usize = 6;
 /// Trials of a state after which a recheck without enough ratios is dropped.
 const TRIALS_MAX: u64 = 32;
-/// Number of measurements after which the cost of the jumped configuration, or of the second one, is known.
-const JUMPED_LEAST: usize = 4;
+/// Number of measurements after which the cost of the shifted configuration, or of the second one, is known.
+const SHIFTED_LEAST: usize = 4;
 const BESIDE_LEAST: usize = 2;
-/// Standard deviations of one measurement by which the ratio has to be off.
-const CLEAR: f64 = 4.0;
-/// Least change of a ratio, as a logarithm, that makes a state worth another search.
-const CHANGE_LEAST: f64 = 0.05;
+/// The change of a ratio that is looked for, as a logarithm: 10 %.
+const CHANGE: f64 = 0.095;
+/// Logarithms of likelihood ratios that show a change of the state: 33 to 1 where that explains the shift,
+/// and 1,100 to 1 where it does not. 55 to 1 show that there is none.
+const EXPLAINED: f64 = 3.5;
+const UNEXPLAINED: f64 = 7.0;
+const UNCHANGED: f64 = -4.0;
+/// Standard deviations between two runs of one configuration at different speeds of the machine.
+const APART: f64 = 4.0;
 
 /// The end of a recheck.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -40,37 +51,85 @@ pub(super) enum Moved {
     State,
 }
 
-/// A run of one of the two configurations by the client that saw the jump.
+/// A run of one of the two configurations by the client that saw the shift.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 struct Run {
-    is_jumped: bool,
+    is_shifted: bool,
     log_cost: f64,
 }
 
 /// The recheck of one state.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 struct Recheck {
-    /// The client that saw the jump, and alone measures.
+    /// The client that saw the shift, and alone measures.
     client_id: String,
-    /// The configuration whose cost jumped, and the one that is run beside it.
-    jumped: Stored,
+    /// The configuration whose cost shifted, and the one that is run beside it.
+    shifted: Stored,
     beside: Stored,
-    /// Logarithm of the cost of the second over that of the first, as known before, and the noise of one
-    /// measurement.
+    /// Logarithm of the cost of the second over that of the first, as known before, and its variance.
     log_ratio: f64,
+    ratio_variance: f64,
+    /// Logarithm of the cost that was expected of the first at the machine's speed before the shift.
+    log_expected: f64,
+    /// The noise of one measurement.
     noise: f64,
     last: Option<Run>,
-    /// Logarithms of the ratios seen, over the known one.
+    /// The logarithm of the first one's cost right before the last run of the second.
+    before: Option<f64>,
+    /// Logarithms of the ratios seen, over the known one, and of the first one's costs over the expected one.
     changes: Vec<f64>,
+    shifts: Vec<f64>,
     trials: u64,
 }
 
 impl Recheck {
+    /// Takes a run of the client. A ratio counts where the first configuration ran before and after the
+    /// second at one speed of the machine. Its run before was partly chosen for being far off, so the one
+    /// after makes the ratio.
+    fn note(&mut self, configuration: &Configuration, log_cost: f64) {
+        let is_shifted = *configuration == self.shifted.0;
+        if !is_shifted && *configuration != self.beside.0 {
+            (self.last, self.before) = (None, None);
+            return;
+        }
+        let last = self.last.replace(Run { is_shifted, log_cost });
+        let of_other = last.filter(|last| last.is_shifted != is_shifted).map(|last| last.log_cost);
+        if !is_shifted {
+            self.before = of_other;
+            return;
+        }
+        let before = self.before.take();
+        if let (Some(before), Some(beside)) = (before, of_other)
+            && (log_cost - before).abs() <= APART * SQRT_2 * self.noise
+        {
+            self.changes.push(beside - log_cost - self.log_ratio);
+            self.shifts.push(log_cost - self.log_expected);
+            assert!(self.changes.len() <= RATIOS_MAX, "{} ratios", self.changes.len());
+        }
+    }
+
     fn finding(&self) -> Option<Moved> {
-        let median = lower_median(&self.changes).filter(|_| self.changes.len() >= RATIOS)?;
-        let is_clear = median.abs() > (CLEAR * self.noise).max(CHANGE_LEAST);
-        let agree = self.changes.iter().all(|change| change * median > 0.0);
-        Some(if is_clear && agree { Moved::State } else { Moved::Machine })
+        let ratios = self.changes.len();
+        if ratios == 0 {
+            return None;
+        }
+        let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
+        let (change, shift) = (mean(&self.changes), mean(&self.shifts));
+        let variance = 2.0 * self.noise * self.noise / ratios as f64 + self.ratio_variance;
+        assert!(variance > 0.0, "a variance of {variance}");
+        // The logarithm of the likelihood of a change by `size` over that of none, where `seen` was seen.
+        let evidence = |size: f64, seen: f64| size * (seen - size / 2.0) / variance;
+        let of_change = evidence(CHANGE, change.abs());
+        // A shift that the ratio does not share is the machine's.
+        let shares = change * shift < 0.0 && change.abs() >= shift.abs() / 2.0;
+        let bound = if shares && shift.abs() >= CHANGE / 2.0 { EXPLAINED } else { UNEXPLAINED };
+        let agree = self.changes.iter().all(|one| one * change > 0.0);
+        if ratios >= RATIOS_LEAST && agree && of_change >= bound {
+            return Some(Moved::State);
+        }
+        let of_shift = evidence(CHANGE.max(shift.abs()), -change * shift.signum());
+        let is_none = of_change <= UNCHANGED || of_change <= 0.0 && of_shift <= UNCHANGED;
+        (is_none || ratios == RATIOS_MAX).then_some(Moved::Machine)
     }
 }
 
@@ -82,37 +141,46 @@ pub(super) struct Rechecks {
 
 impl Rechecks {
     /// Begins a recheck, if none is open and there is a second known configuration: the default, else the
-    /// best other one. `results` are those from before the jump.
+    /// best other one. `results` are those from before the shift, `cost` is the one that shifted, and `pace`
+    /// the machine's factor on all costs before.
     pub(super) fn begin(
         &mut self,
         (client_id, state): (&str, StateId),
-        jumped: &Configuration,
+        shifted: &Configuration,
+        (cost, pace): (f64, f64),
         (results, default): (&ResultTable, &Configuration),
     ) {
         let is_known = |record: &&Record, measurements: usize| {
             !record.infeasible && record.mean_cost > 0.0 && record.evidence.count() >= measurements
         };
-        let is_beside = |record: &&Record| is_known(record, BESIDE_LEAST) && record.configuration != *jumped;
+        let is_beside = |record: &&Record| is_known(record, BESIDE_LEAST) && record.configuration != *shifted;
         let of_default = results.record(default).filter(is_beside);
         let beside = of_default.or_else(|| results.ranked().find(is_beside));
-        let before = results.record(jumped).filter(|record| is_known(record, JUMPED_LEAST));
+        let before = results.record(shifted).filter(|record| is_known(record, SHIFTED_LEAST));
         let (Some(before), Some(beside)) = (before, beside) else { return };
         let usual = results.assumed_noise();
         let restless = [before, beside].map(|record| record.evidence.log_deviation(usual));
+        let noise = restless.into_iter().fold(usual, f64::max);
+        let parts = [before, beside].map(|record| 1.0 / record.evidence.count() as f64);
         assert!(before.configuration != beside.configuration, "one configuration tells nothing");
         assert!(before.mean_cost > 0.0 && beside.mean_cost > 0.0, "costs have logarithms");
         if self.open.len() >= RECHECKS_MAX {
             self.open.pop_first();
         }
         assert!(self.open.len() < RECHECKS_MAX, "{} rechecks", self.open.len());
+        let log_expected = libm::log(before.mean_cost);
         self.open.entry(state.0).or_insert_with(|| Recheck {
             client_id: client_id.to_owned(),
-            jumped: Stored(jumped.clone()),
+            shifted: Stored(shifted.clone()),
             beside: Stored(beside.configuration.clone()),
-            log_ratio: libm::log(beside.mean_cost) - libm::log(before.mean_cost),
-            noise: restless.into_iter().fold(usual, f64::max),
-            last: None,
+            log_ratio: libm::log(beside.mean_cost) - log_expected,
+            ratio_variance: noise * noise * (parts[0] + parts[1]),
+            log_expected: log_expected + libm::log(pace),
+            noise,
+            last: Some(Run { is_shifted: true, log_cost: log_of(cost) }),
+            before: None,
             changes: Vec::new(),
+            shifts: Vec::new(),
             trials: 0,
         });
     }
@@ -127,17 +195,7 @@ impl Rechecks {
         let recheck = self.open.get_mut(&state.0)?;
         recheck.trials += 1;
         if recheck.client_id == client_id {
-            let is_jumped = *configuration == recheck.jumped.0;
-            let takes_part = is_jumped || *configuration == recheck.beside.0;
-            let now = takes_part.then(|| Run { is_jumped, log_cost: libm::log(cost.max(f64::MIN_POSITIVE)) });
-            if let (Some(last), Some(now)) = (recheck.last, now)
-                && last.is_jumped != now.is_jumped
-            {
-                let (jumped, beside) = if now.is_jumped { (now, last) } else { (last, now) };
-                assert!(jumped.is_jumped && !beside.is_jumped, "one of each");
-                recheck.changes.push(beside.log_cost - jumped.log_cost - recheck.log_ratio);
-            }
-            recheck.last = now;
+            recheck.note(configuration, log_of(cost));
         }
         let finding = recheck.finding();
         if finding.is_some() || recheck.trials >= TRIALS_MAX {
@@ -146,15 +204,20 @@ impl Rechecks {
         finding
     }
 
-    /// The configuration that a client should run next, in turns with the one whose cost jumped.
+    /// The configuration that a client should run next, in turns with the one whose cost shifted.
     pub(super) fn wanted(&self, client_id: &str, state: StateId) -> Option<&Configuration> {
         let recheck = self.open.get(&state.0).filter(|recheck| recheck.client_id == client_id)?;
-        let is_due = recheck.last.is_some_and(|last| last.is_jumped);
+        let is_due = recheck.last.is_some_and(|last| last.is_shifted);
         is_due.then_some(&recheck.beside.0)
     }
 
     /// Whether the configurations that it names are of the space.
     pub(super) fn fits(&self, space: &crate::space::Space) -> bool {
-        self.open.values().all(|recheck| space.owns(&recheck.jumped.0) && space.owns(&recheck.beside.0))
+        self.open.values().all(|recheck| space.owns(&recheck.shifted.0) && space.owns(&recheck.beside.0))
     }
+}
+
+/// The logarithm of a cost, which may be 0.
+fn log_of(cost: f64) -> f64 {
+    libm::log(cost.max(f64::MIN_POSITIVE))
 }

@@ -252,6 +252,7 @@ impl Tuner {
             return LearntCost { has_changed: true, ..unchanged };
         }
         if self.spec.policy.track_speed {
+            let pace = self.pace_of(&trial.client_id);
             let table = (self.states.results(state), self.spec.space.default_ref());
             // A difference that may have another explanation is no speed.
             let has_metrics = beside.as_ref().is_some_and(|beside| !beside.auxiliary.is_empty());
@@ -260,10 +261,15 @@ impl Tuner {
             let held = self.speeds.take(what, &trial.configuration, denoised, table, holds);
             factor = held.factor;
             self.states.amend(state, |results| results.note_pace(factor));
+            // While others are explored, a shift may be the luck by which they were chosen.
+            let is_answer = matches!(trial.decision.choice, Choice::Exploit(_));
+            if held.jumped.is_some() || held.is_shifted && is_answer {
+                let table = (self.states.results(state), self.spec.space.default_ref());
+                let what = (trial.client_id.as_str(), state);
+                self.rechecks.begin(what, &trial.configuration, (denoised, pace), table);
+            }
             if let Some(unheld) = held.jumped {
                 has_jumped = true;
-                let table = (self.states.results(state), self.spec.space.default_ref());
-                self.rechecks.begin((&trial.client_id, state), &trial.configuration, table);
                 self.take_back_unheld(state, &unheld);
             }
         }

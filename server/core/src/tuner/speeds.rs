@@ -16,7 +16,7 @@ use crate::configuration::Configuration;
 use crate::ids::StateId;
 use crate::limits::{SPEEDS_MAX, UNHELD_MAX};
 use crate::results::{NOISE_PRIOR, ResultTable};
-use crate::statistics::drift::Speed;
+use crate::statistics::drift::{ShiftSums, Speed};
 use crate::tuner::confirmation::Stored;
 
 /// Number of measurements that make the cost of a configuration known. One suffices for the default, with
@@ -46,6 +46,8 @@ pub(super) struct Unheld {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 struct Client {
     speed: Speed,
+    /// Shifts of known costs that are no jumps.
+    shifts: ShiftSums,
     /// The client's costs are divided by this, so that they are those of a machine at its usual speed.
     factor: f64,
     /// The noise of a measurement when nothing was suspected.
@@ -68,6 +70,7 @@ impl Default for Client {
     fn default() -> Self {
         Client {
             speed: Speed::default(),
+            shifts: ShiftSums::default(),
             factor: 1.0,
             noise: NOISE_PRIOR,
             own_noise: 0.0,
@@ -95,6 +98,8 @@ pub(super) struct Held {
     pub(super) factor: f64,
     /// Trials to be taken back, where the speed has jumped.
     pub(super) jumped: Option<Vec<Unheld>>,
+    /// A known cost has shifted by less than a jump.
+    pub(super) is_shifted: bool,
 }
 
 impl Speeds {
@@ -117,6 +122,7 @@ impl Speeds {
         if client.state != state.0 {
             client.state = state.0;
             client.unheld.clear();
+            client.shifts = ShiftSums::default();
             client.since = 0;
         }
         // A suspicious measurement says nothing of the noise.
@@ -135,10 +141,10 @@ impl Speeds {
             if known.is_some() {
                 client.since = 0;
             }
-            return Held { factor: 1.0, jumped: None };
+            return Held { factor: 1.0, jumped: None, is_shifted: false };
         }
         client.settling = client.settling.saturating_sub(u64::from(known.is_some()));
-        let mut jumped = None;
+        let (mut jumped, mut is_shifted) = (None, false);
         if let Some(known) = known {
             // A restless configuration says little of the machine. A measurement under suspicion is no noise
             // of it.
@@ -146,15 +152,21 @@ impl Speeds {
                 client.own_noise = known.evidence.log_deviation(noise).max(noise);
             }
             let noise = client.own_noise.max(noise) * (1.0 + 1.0 / known.evidence.count() as f64).sqrt();
-            let jumps = client.speed.jumps();
+            let (jumps, off) = (client.speed.jumps(), client.speed.deviations(cost, known.mean_cost, noise));
             client.speed.hold(cost, known.mean_cost, noise);
+            // What may be an accident waits for the next measurement.
+            is_shifted = client.shifts.take(off) && !client.speed.is_suspicious();
             if client.speed.jumps() > jumps {
                 jumped = Some(std::mem::take(&mut client.unheld));
+                is_shifted = false;
                 (client.since, client.is_calm, client.settling) = (0, false, SETTLING);
             } else if !client.speed.is_suspicious() {
                 client.unheld.clear();
                 (client.since, client.is_calm) = (0, true);
             }
+        }
+        if is_shifted || jumped.is_some() {
+            client.shifts = ShiftSums::default();
         }
         let factor = client.speed.factor();
         let factor = if libm::log(factor).abs() > FACTOR_LEAST * noise { factor } else { 1.0 };
@@ -168,7 +180,7 @@ impl Speeds {
             client.unheld.push(Unheld { trial, configuration: Stored(configuration.clone()), cost });
             assert!(client.unheld.len() <= UNHELD_MAX, "{} trials", client.unheld.len());
         }
-        Held { factor, jumped }
+        Held { factor, jumped, is_shifted }
     }
 
     /// Whether the incumbent of the client's state should be measured before anything else; it is due sooner

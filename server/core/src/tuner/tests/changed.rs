@@ -77,6 +77,22 @@ fn a_state_that_is_to_be_searched_again_counts_as_unexplored_until_then() {
 }
 
 #[test]
+fn an_answer_that_becomes_a_tenth_dearer_is_noticed_within_ten_frames() {
+    let is_noticed = |&seed: &u64| {
+        let mut tuner = tuner(finishes());
+        let before = finish_search(&mut tuner, seed);
+        (0..50).for_each(|_| drop(frame(&mut tuner, seed, |_| 1.0)));
+        let dear = |trial: &Trial| if trial.configuration == before { 1.1 } else { 1.0 };
+        (0..10).any(|_| {
+            frame(&mut tuner, seed, dear);
+            tuner.searches.of(StateId(1)).is_none()
+        })
+    };
+    let noticed = (0..16).filter(is_noticed).count();
+    assert!(noticed >= 13, "{noticed} of 16");
+}
+
+#[test]
 fn a_machine_that_changes_its_speed_is_no_reason() {
     for (seed, factor) in [(1, 1.6), (2, 3.0), (3, 0.5), (4, 1.3)] {
         let mut tuner = tuner(finishes());
