@@ -22,12 +22,15 @@ const FRAMES_OF_SEARCH: usize = 400;
 /// Frames of a finished state before its costs change, and those in which that may be noticed.
 const FRAMES_BEFORE: usize = 50;
 const FRAMES_OF_CHANGE: usize = 200;
+/// Frames within which that is soon.
+const SOON: usize = 10;
 /// Frames without a change.
 const FRAMES_OF_CALM: usize = 1000;
 /// The factor by which the answer's kind becomes dearer.
 const DEARER: f64 = 1.1;
 /// Noise of wall time where costs change, and where they do not; noise of processor time.
 const NOISE_OF_CHANGE: f64 = 0.01;
+const NOISE_LARGER: f64 = 0.02;
 const NOISE_OF_CALM: f64 = 0.02;
 const CPU_NOISE: f64 = 0.01;
 /// Factors on wall time and on processor time beside 0, 1 and 2 other programs.
@@ -128,8 +131,8 @@ impl Session {
 }
 
 /// Frames after which a state whose answer became dearer is searched again.
-fn delay(seed: u64) -> usize {
-    let mut session = Session::new(NOISE_OF_CHANGE, false, seed);
+fn delay(noise: f64, seed: u64) -> usize {
+    let mut session = Session::new(noise, false, seed);
     let before = session.finish().expect("a search of few trials ends");
     (0..FRAMES_BEFORE).for_each(|_| drop(session.frame()));
     session.dearer = Some(kind(&before.answer).to_owned());
@@ -151,7 +154,12 @@ fn alarms(seed: u64) -> usize {
     alarms
 }
 
-/// Frames until a dearer answer is noticed, and false alarms in a thousand frames beside other programs.
+/// Frames until a dearer answer is noticed, whether that is soon where frames scatter by 2 %, and false alarms
+/// in a thousand frames beside other programs.
 pub(crate) fn noticed(seed: u64) -> Figures {
-    vec![("delay".to_owned(), -(delay(seed) as f64)), ("alarms".to_owned(), -(alarms(seed) as f64))]
+    let is_soon = delay(NOISE_LARGER, seed) <= SOON;
+    let frames = delay(NOISE_OF_CHANGE, seed) as f64;
+    let figures =
+        [("delay", -frames), ("soon at 2 %", f64::from(is_soon)), ("alarms", -(alarms(seed) as f64))];
+    figures.map(|(name, value)| (name.to_owned(), value)).into()
 }
