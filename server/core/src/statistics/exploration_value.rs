@@ -21,7 +21,8 @@ const GAIN_PRIOR: f64 = 0.11;
 const OCTAVES_PRIOR: f64 = 6.0;
 /// Weight of the prior, in states.
 const STATES_PRIOR: f64 = 1.0;
-/// Gain, found or expected, that weighs as much as the prior of a state.
+/// Gain, found or expected, that weighs as much as the prior of a state. Less of it would leave flat ground
+/// sooner, where further trials cost nothing, and miss gains that come late.
 const GAIN_COUNTED: f64 = 0.03;
 
 /// The gains of octaves of searches in other states.
@@ -170,6 +171,12 @@ mod tests {
     fn a_late_gain_is_waited_for_where_others_had_it() {
         let late = [0.0, 0.0, 0.0, 0.2, 0.05, 0.0, 0.0];
         assert!(explored(&known(6, &late), &late, 400, 0.2) >= 16);
+    }
+
+    #[test]
+    fn eight_trials_without_a_gain_do_not_end_a_search_that_has_time_for_a_late_one() {
+        let late = [0.0, 0.0, 0.0, 0.2, 0.05, 0.0, 0.0];
+        assert!(explored(&Gains::default(), &late, 300, 0.2) >= 32);
     }
 
     proptest! {
