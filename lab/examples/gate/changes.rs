@@ -154,8 +154,8 @@ fn alarms(seed: u64) -> usize {
     alarms
 }
 
-/// Frames until a dearer answer is noticed, whether that is soon where frames scatter by 2 %, and false alarms
-/// in a thousand frames beside other programs.
+/// Frames until a dearer answer is noticed, whether that is soon where frames scatter by 2 %, and false
+/// alarms in a thousand frames beside other programs.
 pub(crate) fn noticed(seed: u64) -> Figures {
     let is_soon = delay(NOISE_LARGER, seed) <= SOON;
     let frames = delay(NOISE_OF_CHANGE, seed) as f64;
