@@ -132,7 +132,6 @@ impl Machines {
             pooling: PoolingStatistics::default(),
         });
         assert!(self.current.len() <= MACHINES_MAX, "{} machines at a time", self.current.len());
-        assert!(displaced.is_none_or(|old| old < place), "{place:?} displaced {displaced:?}");
         (place, displaced)
     }
 
@@ -200,7 +199,6 @@ impl Machines {
             self.machines.get_mut(index(machine)).filter(|_| machine > FIRST)
         {
             pooling.compared = (pooling.compared + 1.0).min(EFFECT_MEMORY);
-            assert!((1.0..=EFFECT_MEMORY).contains(&pooling.compared), "{} comparisons", pooling.compared);
             pooling.effect += off.clamp(-700.0, 700.0) / pooling.compared;
         }
     }

@@ -34,7 +34,6 @@ impl Pace {
             self.latest.remove(0);
         }
         self.latest.push(libm::log(factor));
-        assert!(self.latest.len() <= KEPT_MAX, "{} speeds are kept", self.latest.len());
         if self.latest.len() >= KEPT_LEAST {
             let mut sorted = self.latest.clone();
             sorted.sort_by(f64::total_cmp);

@@ -233,7 +233,6 @@ impl ResultTable {
                 samples.remove(0);
             }
             samples.push(sample);
-            assert!(samples.len() <= NOISE_SAMPLES_MAX, "{} samples are kept", samples.len());
         };
         let before = evidence.latest().and_then(|(before, then)| Some((before, then?)));
         if let (Some((before, then)), Some(now)) = (before, moment)

@@ -54,7 +54,6 @@ pub fn location(values: &[f64]) -> f64 {
         // Halved first, because the sum of two large costs could leave the range of a double.
         means.extend(values[index..].iter().map(|b| a / 2.0 + b / 2.0));
     }
-    assert_eq!(means.len(), values.len() * (values.len() + 1) / 2, "a mean of every two");
     median(&mut means)
 }
 
@@ -85,9 +84,7 @@ pub fn trusted(values: &[f64], usual: Option<f64>) -> Vec<usize> {
 /// The reach of belief for the logarithm of a single measurement, where those of all configurations have this
 /// deviation.
 pub fn reach_of(deviation: f64) -> f64 {
-    let reach = (REACH * deviation).max(REACH_LEAST);
-    assert!(reach >= REACH_LEAST, "a reach of {reach}");
-    reach
+    (REACH * deviation).max(REACH_LEAST)
 }
 
 /// Draws logarithms of costs in which several others contradict. Of fewer than four none does.
@@ -116,8 +113,6 @@ pub fn median(values: &mut [f64]) -> f64 {
         return upper;
     }
     let lower = below.iter().copied().max_by(f64::total_cmp).unwrap_or(upper);
-    assert!(lower.total_cmp(&upper).is_le(), "{lower} and {upper} are the middle two");
-    debug_assert!(below.iter().all(|value| value.total_cmp(&lower).is_le()), "{lower} is next to the middle");
     lower / 2.0 + upper / 2.0
 }
 
@@ -184,7 +179,6 @@ impl Evidence {
         self.check();
         if let Some(factor) = self.change() {
             self.forget(0..self.recent.len() - RECENT);
-            assert_eq!(self.recent.len(), RECENT, "what was measured before is forgotten");
             return Deviation::Changed(factor);
         }
         if outlier { Deviation::Outlier } else { Deviation::Usual }
@@ -237,7 +231,6 @@ impl Evidence {
             if now > before { new.iter().any(|n| *n <= value) } else { new.iter().any(|n| *n >= value) }
         });
         let apart = (now - before).abs() > (CHANGE * error).max(SHARE_LEAST * before) && between.count() <= 1;
-        assert!(old.len() >= OLDER_LEAST && new.len() == RECENT, "{} and {}", old.len(), new.len());
         let factor = now / before;
         (apart && factor.is_finite() && factor > 0.0).then_some(factor)
     }

@@ -78,9 +78,7 @@ impl Hyperparameters {
     /// The middle of the prior, for a process without a trend.
     pub(crate) fn new(kinds: &[FeatureKind], prior: &Prior) -> Self {
         let log: Vec<f64> = (0..=kinds.len()).map(|index| prior.of(index, kinds).0).collect();
-        let hyper = Hyperparameters { steps: vec![STEP_START; log.len()], signs: vec![0; log.len()], log };
-        assert!(hyper.fits(kinds.len()), "one for each feature, and the noise");
-        hyper
+        Hyperparameters { steps: vec![STEP_START; log.len()], signs: vec![0; log.len()], log }
     }
 
     /// Whether they are of a process of `dimension` features without a trend.
@@ -94,7 +92,6 @@ impl Hyperparameters {
         hyper.log.push(libm::log(TREND_MEAN));
         hyper.steps.push(STEP_START);
         hyper.signs.push(0);
-        assert!(hyper.fits(kinds.len() + 1), "one for each feature, the noise and the trend");
         hyper
     }
 

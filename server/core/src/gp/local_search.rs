@@ -48,7 +48,6 @@ impl<T> Leaders<T> {
             self.candidates.insert(place, candidate);
             self.candidates.truncate(self.size);
         }
-        assert!(self.candidates.len() <= self.size, "{} lead", self.candidates.len());
     }
 
     /// Whether a point is among them.
@@ -200,7 +199,6 @@ impl<N: Neighbourhood> Moves for RandomAxes<'_, N> {
         x[axis] = self.neighbourhood.moved(axis, x[axis], radius, self.random);
         if dimension > 1 && self.two {
             let other = (axis + self.random.random_range(1..dimension)) % dimension;
-            assert_ne!(other, axis, "two axes");
             x[other] = self.neighbourhood.moved(other, x[other], radius, self.random);
         }
         self.two = !self.two;

@@ -109,7 +109,6 @@ impl Process {
             }
             assert!(view < views.len() && variance > 0.0, "a variance of {variance} by view {view}");
             factor.backward(&mut alpha);
-            assert!(step <= schedule.steps, "step {step} of {}", schedule.steps);
             let is_last = step == schedule.steps;
             let before = is_last.then(|| hyper.clone());
             if !is_last || schedule.ahead {

@@ -139,7 +139,6 @@ impl Predictors {
         if same < updates.len() {
             return;
         }
-        assert!(same <= self.deferred.len(), "{same} of {} updates", self.deferred.len());
         self.deferred.drain(..same);
         self.tallies = tallies;
         if let (Some(model), Some(hyper)) = (self.contextual_mut(), hyper) {

@@ -51,7 +51,6 @@ fn candidates<'a>(query: &Query<'a>) -> Vec<NearState<'a>> {
             chosen.insert(from, own);
             chosen.truncate(NEIGHBOURS_MAX);
         }
-        assert!(chosen.len() <= NEIGHBOURS_MAX, "{} states", chosen.len());
     }
     chosen
 }
@@ -130,7 +129,6 @@ fn first_word(costs: &[f64]) -> Option<Estimate> {
     }
     // Divided before they are squared and summed: differences of large costs may overflow.
     let scale = costs.iter().fold(f64::MIN_POSITIVE, |most, &cost| most.max(cost));
-    assert!(scale > 0.0, "a scale of {scale}");
     let squares: f64 = others.iter().map(|cost| (cost / scale - first / scale).powi(2)).sum();
     Some(Estimate::new(first, scale * (squares / others.len() as f64).sqrt()))
 }
@@ -167,7 +165,6 @@ impl Predictor for Nearest {
             candidate.state.results.best().map(|best| cost(candidate.state, best))
         };
         costs.extend(candidates.iter().skip(1).filter_map(best));
-        assert!(costs.len() <= candidates.len(), "{} costs of {} states", costs.len(), candidates.len());
         Some(Answer {
             configuration: record.configuration.clone(),
             expected: first_word(&costs)?,

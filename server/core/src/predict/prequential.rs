@@ -42,7 +42,6 @@ impl Fading {
     fn take(&mut self, error: f64) {
         self.sum = FADE * self.sum + error;
         self.weight = FADE * self.weight + 1.0;
-        assert!(self.weight >= 1.0, "the newest counts as one, of {}", self.weight);
     }
 
     /// `None` before the first.

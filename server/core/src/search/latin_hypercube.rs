@@ -21,7 +21,6 @@ pub fn design(count: usize, dimension: usize, random: &mut impl Rng) -> Vec<Vec<
         strata.shuffle(random);
         for (point, &stratum) in points.iter_mut().zip(&strata) {
             point[axis] = (stratum as f64 + random.random::<f64>()) / count as f64;
-            assert!((0.0..=1.0).contains(&point[axis]), "{} in stratum {stratum}", point[axis]);
         }
     }
     points
@@ -63,7 +62,6 @@ impl Search for LatinHypercubeSearch {
             return Some(self.pending.add(self.setup.start.clone(), Step::Default));
         }
         let (number, index) = ((asked - 1) / self.design_points(), (asked - 1) % self.design_points());
-        assert_eq!(number * self.design_points() + index + 1, asked, "point {index} of design {number}");
         let mut random = stream(self.setup.seed, Purpose::Search, self.setup.state_id, number);
         let mut points = design(self.design_points() as usize, self.setup.dimension(), &mut random);
         Some(self.pending.add(points.swap_remove(index as usize), Step::LatinHypercube))

@@ -154,7 +154,6 @@ impl Denoiser {
             return None;
         }
         let total: f64 = groups.values().map(|group| group.count).sum();
-        assert_eq!(total, observations.len() as f64, "every observation is of one configuration");
         let mean = |of: &dyn Fn(&Row) -> f64| -> f64 {
             groups.values().map(|group| group.count * of(group)).sum::<f64>() / total
         };

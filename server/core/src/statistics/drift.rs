@@ -47,7 +47,6 @@ impl Speed {
     pub fn step(&mut self, noise: f64) {
         let step = STEP * noise;
         self.variance = (self.variance + step * step).min(JUMP * JUMP);
-        assert!((0.0..=JUMP * JUMP).contains(&self.variance), "a variance of {}", self.variance);
     }
 
     /// The distance of a measurement from the one that is expected at present, in standard deviations: what
@@ -81,7 +80,6 @@ impl Speed {
         assert!((0.0..=1.0).contains(&gain), "a gain of {gain}");
         self.log_factor = (self.log_factor + gain * innovation).clamp(-LOG_FACTOR_MAX, LOG_FACTOR_MAX);
         self.variance *= 1.0 - gain;
-        assert!(self.variance >= 0.0, "a variance of {}", self.variance);
     }
 
     /// The factor on all costs at the moment.

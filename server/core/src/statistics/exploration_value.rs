@@ -94,10 +94,8 @@ pub fn outlook(gains: &Gains, progress: &SearchProgress<'_>) -> Outlook {
         if until <= begin {
             break;
         }
-        assert!(begin >= tried && until <= budget, "from {begin} to {until}");
         let share = (until - begin) as f64 / (1u64 << octave) as f64;
         cost_left *= 1.0 - (rate * gains.expected(octave) * share).min(0.9);
-        assert!(cost_left > 0.0 && cost_left <= 1.0, "{cost_left} of the cost is left");
         let trials = (until - tried) as f64;
         let gain = 1.0 - cost_left;
         let exploring_cost = excess * trials;

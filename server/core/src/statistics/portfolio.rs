@@ -96,7 +96,6 @@ impl CostTable {
             ratios.iter().map(|(ratio, _)| (ratio - mean) * (ratio - mean)).sum::<f64>() / (count - 1.0);
         let noise = ratios.iter().map(|(_, variance)| variance).sum::<f64>() / count;
         let variance = spread.max(noise);
-        assert!(variance >= 0.0, "a variance of {variance}");
         let of_mean = libm::sqrt(variance / count);
         let of_next = libm::sqrt(variance * (1.0 + 1.0 / count));
         mean < -T_OF_MEAN * of_mean && mean < -T_OF_NEXT * of_next
@@ -147,7 +146,6 @@ impl CostTable {
             assert!(best.is_finite(), "{best} is the best of a state");
             completed.push(expected.into_iter().map(|x| x - best).collect());
         }
-        assert_eq!(completed.len(), rows.len(), "every row is completed");
         completed
     }
 
@@ -193,8 +191,6 @@ impl CostTable {
             }
         }
         chosen.add_while_helpful(among, members, HELP_LEAST);
-        assert!(chosen.places.len() <= members, "{} of {members} members", chosen.places.len());
-        assert!(chosen.places.iter().all(|&place| place < count), "{count} configurations");
         chosen.places
     }
 

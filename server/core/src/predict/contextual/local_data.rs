@@ -99,7 +99,6 @@ impl LocalData {
             sources.push(SourceState::of(features, query, state, taken));
             let given = state.results.ranked().len().min(taken);
             rows += given;
-            assert!(rows <= ROWS_MAX, "{rows} rows");
             quota = if given > 0 { (quota / 2).max(QUOTA_LEAST) } else { quota };
             if rows >= ROWS_MAX {
                 break;
@@ -140,8 +139,6 @@ impl LocalData {
                 records.push(record);
             }
         }
-        assert_eq!(points.len(), costs.len(), "a cost for every point");
-        assert_eq!(points.len(), records.len(), "a record for every point");
         let warping = RobustLog::of(&costs)?;
         let values = costs.iter().map(|&cost| warping.see(cost)).collect();
         let points: Vec<&[f64]> = points.iter().map(Vec::as_slice).collect();

@@ -197,7 +197,6 @@ impl Contextual {
                 self.examples.push(example);
             }
         }
-        assert!(self.examples.len() <= LESSONS_MAX, "{} lessons", self.examples.len());
         self.lessons += 1;
         let due = self.lessons <= LESSONS_EAGER || self.lessons.is_multiple_of(share(self.lessons));
         (due && self.examples.len() >= 4).then(|| HyperparameterUpdate {

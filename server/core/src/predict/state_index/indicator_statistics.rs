@@ -153,7 +153,6 @@ impl IndicatorStatistics {
             })
             .collect();
         self.omitted().iter().for_each(|omitted| weights[omitted.axis] = 0.0);
-        assert!(weights.iter().all(|weight| (0.0..=1.0).contains(weight)), "{weights:?}");
         weights
     }
 

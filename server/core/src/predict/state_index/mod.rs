@@ -68,7 +68,6 @@ impl StateIndex {
             *explored = true;
             self.explored.insert(place, &state.anchor);
         }
-        assert!(*tried || !*explored, "what was explored was tried");
     }
 
     /// Adds a state's indicators to the statistics of their reach. Called once for each state, in the order
@@ -78,7 +77,6 @@ impl StateIndex {
         let before = self.statistics.omitted();
         self.statistics.take(anchor);
         self.weights = self.statistics.weights();
-        assert_eq!(self.weights.len(), anchor.len(), "a weight for every indicator");
         before != self.statistics.omitted()
     }
 

@@ -64,7 +64,6 @@ fn interpolation(layout: &Layout, axis: usize, x: f64) -> (usize, f64) {
         0 | CELLS_MAX.. => {
             let at = layout.by_size(axis, x).clamp(0.0, 1.0) * (KNOTS - 1) as f64;
             let first = (at as usize).min(KNOTS - 2);
-            assert!(first + 1 < KNOTS, "knot {first} has another behind it");
             (first, at - first as f64)
         }
         cells => {
@@ -118,7 +117,6 @@ impl MainEffects {
         let level = |state: usize| levels[state].0 / levels[state].1;
         // Residuals. The levels among the effects correct the means of the states, which are subtracted here.
         let mut residuals: Vec<f64> = measured.iter().map(|one| one.log_cost - level(one.state)).collect();
-        assert_eq!(residuals.len(), measured.len(), "a residual for every measurement");
         let mut effects = vec![0.0; columns.len()];
         for _ in 0..SWEEPS {
             for (index, (effect, column)) in effects.iter_mut().zip(&columns).enumerate() {
@@ -135,7 +133,6 @@ impl MainEffects {
         }
         let effects = (0..dimension).map(|axis| effects[from[axis]..from[axis + 1]].to_vec()).collect();
         let mut fitted = MainEffects { effects, mean: 0.0 };
-        assert_eq!(fitted.effects.len(), dimension, "effects of every axis");
         let sum_of = |one: &SourceMeasurement| {
             let mut x = one.x.clone();
             let active = layout.canonical(&mut x);

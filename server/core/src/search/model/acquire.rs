@@ -78,7 +78,6 @@ impl Acquisition<'_> {
     /// The weight of an improvement, as a logarithm, by the probability that it can be run.
     pub(super) fn log_feasible(&self, features: &[f64]) -> f64 {
         let runs = self.feasible(features);
-        assert!((FEASIBLE_MIN..=1.0).contains(&runs), "a probability of {runs}");
         FEASIBLE_WEIGHT * libm::log(runs) - if runs < FEASIBLE_WANTED { UNWANTED } else { 0.0 }
     }
 
@@ -108,7 +107,6 @@ impl Acquisition<'_> {
         random: &mut ChaCha8Rng,
         taken: impl Fn(&[f64]) -> bool,
     ) -> Option<Vec<f64>> {
-        assert!(self.doubt >= 1.0, "deviations count {} times", self.doubt);
         let mut order: Vec<&EstimatedPoint> = known.iter().collect();
         order.sort_by(|a, b| a.believed.total_cmp(&b.believed));
         let least = order.iter().find(|known| known.in_full).map_or(0.0, |known| known.believed);

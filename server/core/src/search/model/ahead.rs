@@ -46,7 +46,6 @@ impl PlannedPoint {
             last = search.propose();
             more.extend(last.clone());
         }
-        assert!(more.len() <= reserve, "{} points in a reserve of {reserve}", more.len());
         PlannedPoint { point, reserve: more, cost, failure, trended, fitted, draws }
     }
 }

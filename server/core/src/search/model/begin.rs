@@ -111,7 +111,6 @@ pub(super) fn takes_steps(setup: &SearchSetup) -> bool {
 pub(super) fn places(setup: &SearchSetup, random: &mut ChaCha8Rng) -> VecDeque<Vec<f64>> {
     let dimension = setup.dimension();
     let count = (dimension + 2).clamp(4, (setup.budget as usize / 8).max(4));
-    assert!(count >= 4, "a design of {count}");
     let mut points = design(count - 1, dimension, random);
     for (axis, x) in points.iter_mut().flat_map(|point| point.iter_mut().enumerate()) {
         if dimension >= REACH_FROM && setup.layout.cells(axis) == 0 {

@@ -56,8 +56,6 @@ impl ModelSearch {
             labels.push(label(*failed));
             counts.push(ELSEWHERE_COUNT);
         }
-        assert_eq!(points.len(), places.len() + elsewhere.len(), "what ran here and elsewhere");
-        assert_eq!(labels.len(), points.len(), "a label for every point");
         let sample = Sample::new(self.setup.layout.kinds(), &points, counts).prepared();
         let fit = Process::learn(sample, &[(labels, 0.0)], &mut self.failure, &PRIOR, schedule);
         fit.map(|(process, _)| process)

@@ -88,7 +88,6 @@ impl Whitening {
         let mean = diagonal.iter().sum::<f64>() / d as f64;
         // Few measurements say little of how axes go together, and must not flatten one.
         let shrink = d as f64 / (d + better) as f64;
-        assert!(shrink > 0.0 && shrink < 1.0, "a share of {shrink}");
         spread.iter_mut().for_each(|entry| *entry *= 1.0 - shrink);
         for i in 0..d {
             spread[i * d + i] += shrink * (0.9 * diagonal[i] + 0.1 * mean);
@@ -113,9 +112,7 @@ impl Whitening {
 fn nearest(total: usize, count: usize, distance: impl Fn(usize) -> f64) -> Vec<usize> {
     let mut order: Vec<(f64, usize)> = (0..total).map(|index| (distance(index), index)).collect();
     order.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let nearest: Vec<usize> = order.into_iter().take(count).map(|(_, index)| index).collect();
-    assert_eq!(nearest.len(), count.min(total), "as many as there are");
-    nearest
+    order.into_iter().take(count).map(|(_, index)| index).collect()
 }
 
 fn square(v: &[f64]) -> f64 {
@@ -224,7 +221,6 @@ impl Near {
 
     fn fit(&self, chosen: &[usize], features: &[Vec<f64>], pending: &[Vec<f64>]) -> Option<Process> {
         let d = self.axes.len();
-        assert_eq!(features.len(), chosen.len(), "features of every chosen point");
         let costs: Vec<f64> = chosen.iter().map(|&index| self.measured[index].cost).collect();
         let mut counts: Vec<f64> = chosen.iter().map(|&index| self.measured[index].count).collect();
         let mut points: Vec<&[f64]> = features.iter().map(Vec::as_slice).collect();
