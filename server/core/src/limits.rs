@@ -120,10 +120,7 @@ pub const CANDIDATES_MAX: usize = 48;
 /// The smallest cost that the radial basis model distinguishes from zero: its reward is the inverse of the
 /// cost, and sums of rewards must stay finite.
 pub const REWARD_COST_MIN: f64 = 1e-100;
-/// Most features of the radial basis model. ceil(3.5 x (128 parameters + 128 indicators)).
-pub const FEATURES_MAX: usize = 896;
 
-const _: () = assert!(2 * FEATURES_MAX >= 7 * (PARAMETERS_MAX + INDICATORS_MAX));
 // The square of the largest distance between two normalised states must be finite.
 const _: () =
     assert!(4.0 * NORMALISED_MAGNITUDE_MAX * NORMALISED_MAGNITUDE_MAX * (INDICATORS_MAX as f64) < f64::MAX);

@@ -140,13 +140,8 @@ impl Machines {
     }
 
     /// The number of machines that ever founded a state.
-    pub fn len(&self) -> usize {
+    pub(crate) fn len(&self) -> usize {
         self.machines.len()
-    }
-
-    /// Whether there are none.
-    pub fn is_empty(&self) -> bool {
-        self.machines.is_empty()
     }
 
     /// The level of `other` for `machine`: the machine itself, its group, or the fleet.
@@ -181,14 +176,12 @@ impl Machines {
 
     /// The variance of a level's estimates of a machine's configurations.
     pub(crate) fn miss_2(&self, machine: MachineId, level: MachineLevel) -> f64 {
-        match level {
-            MachineLevel::Machine => 0.0,
-            MachineLevel::Group | MachineLevel::Fleet => {
-                let (sum, weight) = self.machines[index(machine)].pooling.misses[level as usize - 1];
-                assert!(weight > 0.0, "a mean over a weight of {weight}");
-                sum / weight
-            }
+        if level == MachineLevel::Machine {
+            return 0.0;
         }
+        let (sum, weight) = self.machines[index(machine)].pooling.misses[level as usize - 1];
+        assert!(weight > 0.0, "a mean over a weight of {weight}");
+        sum / weight
     }
 
     /// Notes the error of the prediction of a machine's measurement from the others' costs and the factors so
@@ -207,13 +200,11 @@ impl Machines {
     /// squares through the origin, with a prior of 1. It is 0 where others' best configurations do worse than
     /// the default here.
     pub(crate) fn share(&self, machine: MachineId, level: MachineLevel) -> f64 {
-        match level {
-            MachineLevel::Machine => 1.0,
-            MachineLevel::Group | MachineLevel::Fleet => {
-                let (product, square) = self.machines[index(machine)].pooling.carried[level as usize - 1];
-                (product / square).clamp(0.0, 1.0)
-            }
+        if level == MachineLevel::Machine {
+            return 1.0;
         }
+        let (product, square) = self.machines[index(machine)].pooling.carried[level as usize - 1];
+        (product / square).clamp(0.0, 1.0)
     }
 
     /// Notes a configuration's difference to the default: `theirs` on a level, and `own` on the machine.

@@ -14,8 +14,6 @@ mod pending;
 pub mod random;
 mod registry;
 
-use std::cmp::Ordering;
-
 use serde::{Deserialize, Serialize};
 
 pub use crate::decision::Step;
@@ -42,33 +40,6 @@ pub struct Point {
     /// The place, from the cheapest, of the cheaper level at which it is to be measured; `None` for in full.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub level: Option<u32>,
-}
-
-/// The rank of a point. The order is total: costs by size, then everything that is infeasible.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Score {
-    /// Measured: finite, less is better.
-    Cost(f64),
-    /// Cannot be run: worse than any cost.
-    Infeasible,
-}
-
-impl Score {
-    /// Total order, best first.
-    pub fn compare(&self, other: &Score) -> Ordering {
-        match (self, other) {
-            (Score::Cost(a), Score::Cost(b)) => a.total_cmp(b),
-            (Score::Cost(_), Score::Infeasible) => Ordering::Less,
-            (Score::Infeasible, Score::Cost(_)) => Ordering::Greater,
-            (Score::Infeasible, Score::Infeasible) => Ordering::Equal,
-        }
-    }
-
-    /// Strictly better.
-    pub fn beats(&self, other: &Score) -> bool {
-        self.compare(other) == Ordering::Less
-    }
 }
 
 /// The result of a point.
@@ -194,13 +165,6 @@ pub trait Search {
     fn adopt(&mut self, _plan: PlannedPoint) {}
 }
 
-/// Most points that keep the set-up of the point before them, where a client searches alone.
-pub const SETUP_HELD: usize = 2;
-
-fn setup_held() -> usize {
-    SETUP_HELD
-}
-
 /// The inputs of a new search.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SearchSetup {
@@ -215,16 +179,13 @@ pub struct SearchSetup {
     /// The meaning of each axis.
     #[serde(default)]
     pub layout: Layout,
-    /// [`SETUP_HELD`]; another number only in measurements of it. It is not stored.
-    #[serde(skip, default = "setup_held")]
-    pub setup_held: usize,
 }
 
 impl SearchSetup {
     /// The setup of a search of a space.
     pub fn of(space: &Space, seed: u64, state_id: u64, budget: u32) -> Self {
         let (start, layout) = (space.encode(space.default_ref()), Layout::of(space));
-        SearchSetup { seed, state_id, start, budget, layout, setup_held: SETUP_HELD }
+        SearchSetup { seed, state_id, start, budget, layout }
     }
 
     fn dimension(&self) -> usize {
@@ -235,7 +196,7 @@ impl SearchSetup {
     #[cfg(test)]
     fn plain(seed: u64, start: Vec<f64>, budget: u32, levels: Vec<u32>) -> Self {
         let layout = Layout::plain(start.clone(), &levels);
-        SearchSetup { seed, state_id: 1, start, budget, layout, setup_held: SETUP_HELD }
+        SearchSetup { seed, state_id: 1, start, budget, layout }
     }
 }
 

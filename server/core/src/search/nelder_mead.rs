@@ -26,6 +26,7 @@
 //! Only comparisons of scores are used, so that the points do not change when all costs are multiplied by
 //! one number. Infeasible points are worse than all others, and move out of the simplex first.
 
+use std::cmp::Ordering;
 use std::collections::VecDeque;
 
 use rand::RngExt;
@@ -35,7 +36,7 @@ use serde::{Deserialize, Serialize};
 use crate::randomness::{Purpose, stream};
 use crate::search::latin_hypercube::design;
 use crate::search::pending::PendingPoints;
-use crate::search::{Feedback, Point, Score, Search, SearchSetup, Step, Verdict};
+use crate::search::{Feedback, Point, Search, SearchSetup, Step, Verdict};
 
 /// The lengths of the moves, in distances of the worst vertex from the centroid: the values of Nelder and
 /// Mead, and of Chang.
@@ -66,6 +67,29 @@ const CHANGE_PROBABILITY: f64 = 1.0 / 3.0;
 /// Probability that a local step draws a coordinate it changes from the whole axis, so that switches and
 /// choices, whose values are far apart in the cube, can change too.
 const AXIS_PROBABILITY: f64 = 0.1;
+
+/// The rank of a vertex: costs by size, finite, then everything that cannot be run.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+enum Score {
+    Cost(f64),
+    Infeasible,
+}
+
+impl Score {
+    /// Best first.
+    fn compare(&self, other: &Score) -> Ordering {
+        let [one, other] = [self, other].map(|score| match score {
+            Score::Cost(cost) => *cost,
+            Score::Infeasible => f64::INFINITY,
+        });
+        one.total_cmp(&other)
+    }
+
+    fn beats(&self, other: &Score) -> bool {
+        self.compare(other) == Ordering::Less
+    }
+}
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 struct SimplexVertex {

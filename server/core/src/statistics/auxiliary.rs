@@ -64,6 +64,7 @@ pub struct Denoiser {
     level: f64,
     means: Vec<f64>,
     slopes: Vec<f64>,
+    /// 0 leaves costs as they were measured, 1 takes the predicted ones.
     weight: f64,
 }
 
@@ -225,12 +226,6 @@ impl Denoiser {
     pub fn denoised(&self, log_cost: f64, auxiliary: &[f64]) -> f64 {
         (1.0 - self.weight) * log_cost + self.weight * self.predicted(auxiliary)
     }
-
-    /// Weight of the auxiliary measurements: 0 leaves costs as they were measured, 1 takes the predicted
-    /// ones.
-    pub fn weight(&self) -> f64 {
-        self.weight
-    }
 }
 
 #[cfg(test)]
@@ -304,7 +299,7 @@ mod tests {
             let denoiser = Denoiser::of(&quiet).expect("there are repeats");
             let loaded = trial(7, 0.7);
             let off = denoiser.denoised(loaded.log_cost, &loaded.beside) - 0.7;
-            assert!(off.abs() < 0.2, "{off} off with a weight of {}", denoiser.weight());
+            assert!(off.abs() < 0.2, "{off} off with a weight of {}", denoiser.weight);
         }
     }
 
@@ -367,7 +362,6 @@ mod tests {
                 off.iter().sum::<f64>() / off.len() as f64
             };
             let bias = off(true) - off(false);
-            println!("{bias:.3} with a weight of {:.2}", denoiser.weight());
             sum += bias / 20.0;
         }
         assert!(sum.abs() < 0.2, "{sum}");

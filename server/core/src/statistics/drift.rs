@@ -25,7 +25,7 @@ const SHIFTED: f64 = 1.5;
 const LOG_FACTOR_MAX: f64 = 700.0;
 
 /// A client's speed, relative to its first measurement. Opaque, exact through serde.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Speed {
     /// Logarithm of the factor on all costs, and its variance.
     log_factor: f64,
@@ -34,12 +34,6 @@ pub struct Speed {
     /// measurement.
     suspects: Option<f64>,
     jumps: u64,
-}
-
-impl Default for Speed {
-    fn default() -> Self {
-        Speed { log_factor: 0.0, variance: 0.0, suspects: None, jumps: 0 }
-    }
 }
 
 impl Speed {
@@ -90,11 +84,6 @@ impl Speed {
     /// Whether the last measurement was far off, so that the next one decides between an accident and a jump.
     pub fn is_suspicious(&self) -> bool {
         self.suspects.is_some()
-    }
-
-    /// The number of jumps of the speed.
-    pub fn jumps(&self) -> u64 {
-        self.jumps
     }
 }
 
@@ -180,12 +169,12 @@ mod tests {
     fn one_wild_measurement_is_no_jump_and_two_are() {
         let mut speed = Speed::default();
         speed.hold(30.0, 10.0, 0.03);
-        assert_eq!((speed.factor(), speed.jumps(), speed.is_suspicious()), (1.0, 0, true));
+        assert_eq!((speed.factor(), speed.jumps, speed.is_suspicious()), (1.0, 0, true));
         speed.hold(10.1, 10.0, 0.03);
         assert!(!speed.is_suspicious() && speed.factor() < 1.05);
         speed.hold(30.0, 10.0, 0.03);
         speed.hold(30.5, 10.0, 0.03);
-        assert_eq!(speed.jumps(), 1);
+        assert_eq!(speed.jumps, 1);
         assert!((speed.factor() - 3.05).abs() < 0.05);
     }
 

@@ -98,13 +98,8 @@ impl StateIndex {
     }
 
     /// The number of states.
-    pub fn len(&self) -> usize {
+    pub(crate) fn len(&self) -> usize {
         self.held.len()
-    }
-
-    /// Whether there are none.
-    pub fn is_empty(&self) -> bool {
-        self.len() == 0
     }
 
     pub(crate) fn distance(&self, a: &[f64], b: &[f64]) -> f64 {
