@@ -397,17 +397,16 @@ impl Race {
             let best = better.min_by(|&a, &b| log_cost(a).total_cmp(&log_cost(b)));
             return best.map_or(RaceResult::NothingBetter, RaceResult::Better);
         }
-        let proven = |place: usize| self.is_proven(place);
         let has_run = |place: usize| self.contenders[place].log_costs.len() >= self.rounds_max;
         let incumbent_has_run = incumbent_fails || has_run(0);
         let is_over = incumbent_has_run && standing.iter().all(|&place| has_run(place));
-        if !is_over && (standing.len() > 1 || !proven(standing[0])) {
+        if !is_over && (standing.len() > 1 || !self.is_proven(standing[0])) {
             return RaceResult::Open;
         }
         let mean = |place: usize| self.contenders[place].mean();
         let best = standing
             .into_iter()
-            .filter(|&place| proven(place) && !self.contenders[place].log_costs.is_empty());
+            .filter(|&place| self.is_proven(place) && !self.contenders[place].log_costs.is_empty());
         let best = best.min_by(|&a, &b| mean(a).total_cmp(&mean(b)));
         best.map_or(RaceResult::NothingBetter, RaceResult::Better)
     }

@@ -55,15 +55,11 @@ impl Basis {
     /// in, so that features there do not vanish altogether.
     fn state_2(&self, state: &[f64]) -> Vec<f64> {
         let state: Vec<f64> = state.iter().map(|&x| draw_in(x)).collect();
-        let all = |centre: &Vec<f64>| distance_2(&state, centre);
-        let partial = |centre: &Vec<f64>| {
+        let distance_2 = |(centre, _): &(Vec<f64>, Vec<f64>)| {
             let terms = state.iter().zip(centre).enumerate().filter(|(axis, _)| !self.omitted.contains(axis));
-            terms.map(|(_, (a, b))| (a - b) * (a - b)).sum()
+            terms.map(|(_, (a, b))| (a - b) * (a - b)).sum::<f64>()
         };
-        let centres = self.centres.iter();
-        centres
-            .map(|(centre, _)| if self.omitted.is_empty() { all(centre) } else { partial(centre) })
-            .collect()
+        self.centres.iter().map(distance_2).collect()
     }
 
     /// The action's part of the squared distance to each centre.

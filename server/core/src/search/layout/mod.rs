@@ -95,10 +95,7 @@ impl Layout {
             axes: axes.collect(),
             order: orders.filter_map(places).collect(),
             default: space.encode(space.default_ref()),
-            space: None,
-            main_effects: None,
-            cheaper: 0,
-            setup: Vec::new(),
+            ..Layout::default()
         };
         let comes_after =
             |(index, axis): (usize, &LayoutAxis)| axis.gate.as_ref().is_none_or(|gate| gate.parent < index);
@@ -127,15 +124,7 @@ impl Layout {
             };
             LayoutAxis { kind, gate: None }
         };
-        Layout {
-            axes: (0..default.len()).map(axis).collect(),
-            order: Vec::new(),
-            default,
-            space: None,
-            main_effects: None,
-            cheaper: 0,
-            setup: Vec::new(),
-        }
+        Layout { axes: (0..default.len()).map(axis).collect(), default, ..Layout::default() }
     }
 
     /// The features of a full measurement as those of one at a cheaper level.
@@ -182,8 +171,7 @@ impl Layout {
                 let cell = ranks.iter().position(|&other| other == rank).map_or(rank, |cell| cell as u32);
                 (f64::from(cell) + 0.5) / f64::from(*levels)
             }
-            AxisKind::Number(Domain::Integer { min, scale, max }) => {
-                let domain = Domain::Integer { min: *min, max: *max, scale: *scale };
+            AxisKind::Number(domain @ Domain::Integer { min, .. }) => {
                 domain.encode(&Value::Integer(min + i64::from(rank)))
             }
             AxisKind::Number(_) => 0.5,
@@ -353,9 +341,8 @@ impl AxisKind {
         match domain {
             Domain::Boolean => AxisKind::Choice { levels: 2, ranks: vec![0, 1] },
             Domain::Categorical { values } => {
-                let by_size = |a: &usize, b: &usize| values[*a].cmp(&values[*b]);
                 let mut sorted: Vec<usize> = (0..values.len()).collect();
-                sorted.sort_by(by_size);
+                sorted.sort_by(|&a, &b| values[a].cmp(&values[b]));
                 let numbers = values.iter().all(|value| value.as_number().is_some());
                 let rank = |cell: usize| sorted.iter().position(|&other| other == cell).unwrap_or(0) as u32;
                 let ranks = if numbers { (0..values.len()).map(rank).collect() } else { Vec::new() };
