@@ -27,7 +27,6 @@ pub mod pace;
 pub mod packed;
 pub mod predict;
 mod randomness;
-mod rank;
 pub mod results;
 pub mod robust;
 pub mod search;

@@ -8,10 +8,9 @@
 //! (see [`crate::robust`]). Where the costs of one configuration have changed for good (the machine's clock,
 //! another program), those of the others are scaled likewise until they are measured again.
 
-mod forgotten;
 mod known;
 
-use std::collections::{BTreeSet, HashMap};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 
 use serde::{Deserialize, Serialize};
 
@@ -19,14 +18,13 @@ use crate::configuration::Configuration;
 use crate::fnv;
 use crate::limits::{FAILURES_PER_CONFIGURATION_MAX, NOISE_SAMPLES_MAX, RECORDS_PER_STATE_MAX};
 use crate::pace::Pace;
-use crate::rank::Rank;
 use crate::robust::{Deviation, Evidence, MAD_TO_DEVIATION, Moment, REACH_AFTER, is_torn, median, reach_of};
 use crate::search::Verdict;
 use crate::space::Space;
 use crate::trial::{Mode, Outcome, Trial};
-use forgotten::Forgotten;
 pub use known::KnownState;
 pub(crate) use known::{NOISE_PRIOR, runs_start};
+use known::{Rank, moment};
 
 /// A search of fewer configurations says little of a state.
 pub(crate) const SEARCHED_LEAST: usize = 6;
@@ -108,12 +106,6 @@ impl Record {
     }
 }
 
-/// The client and the time of a trial; a result carried over from elsewhere has neither.
-fn moment(trial: &Trial) -> Option<Moment> {
-    let of = || Moment { client: fnv::hash(trial.client_id.bytes()), time: trial.number };
-    trial.decision.origin.is_none().then(of)
-}
-
 /// Every configuration that ran in one state, with its measurements.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct ResultTable {
@@ -146,9 +138,14 @@ pub struct ResultTable {
     /// Some of its results were carried over, ran in an earlier space, or are of clients' starts.
     #[serde(default)]
     is_carried_over: bool,
-    /// Tried configurations that were forgotten, where the space has few.
+    /// Tried configurations that were forgotten, where the space has few, by a hash of each, and whether the
+    /// tuner chose it, not its client. They are not counted once more when they are met again.
     #[serde(default)]
-    forgotten: Forgotten,
+    forgotten: BTreeMap<u64, bool>,
+}
+
+fn hash(configuration: &Configuration) -> u64 {
+    fnv::hash(configuration.key().bytes())
 }
 
 impl ResultTable {
@@ -205,7 +202,9 @@ impl ResultTable {
         let (new_rank, is_tried) = (record.rank(index), record.is_tried());
         assert!(is_tried || !was_tried, "a trial takes no verdict back");
         let is_new = is_tried && !was_tried;
-        let again = if is_new { self.forgotten.take(&trial.configuration) } else { None };
+        // Nearly all tables have forgotten nothing.
+        let may_be_known = is_new && !self.forgotten.is_empty();
+        let again = if may_be_known { self.forgotten.remove(&hash(&trial.configuration)) } else { None };
         self.tried += usize::from(is_new && again.is_none());
         let record = &mut self.records[index];
         record.is_searched |= again == Some(true);
@@ -401,7 +400,7 @@ impl ResultTable {
         }
         for (index, record) in self.records.iter().enumerate() {
             if is_few && record.is_tried() && !kept.contains(&index) {
-                self.forgotten.note(&record.configuration, record.is_searched);
+                self.forgotten.insert(hash(&record.configuration), record.is_searched);
             }
         }
         let mut index = 0..;

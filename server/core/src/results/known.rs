@@ -1,11 +1,14 @@
 //! A state with its table, an even choice of its results, and the noise that is assumed of them.
 
+use std::cmp::Ordering;
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
 use super::{Record, ResultTable};
 use crate::configuration::Configuration;
+use crate::fnv;
 use crate::ids::{MachineId, StateId};
+use crate::robust::Moment;
 use crate::trial::{Mode, Outcome, Trial};
 
 /// The noise that is assumed before anything was measured twice, and the bounds of its estimate.
@@ -15,9 +18,38 @@ const NOISE_MAX: f64 = 0.2;
 /// Standard deviations of their difference by which one configuration beats another.
 const BEATS: f64 = 2.5;
 
+/// Place in the ranking: by cost, then by age.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Rank {
+    /// The mean of its measurements.
+    pub(super) cost: f64,
+    /// Its place in the table, in the order in which configurations came.
+    pub(super) index: usize,
+}
+
+impl Eq for Rank {}
+
+impl Ord for Rank {
+    fn cmp(&self, other: &Self) -> Ordering {
+        self.cost.total_cmp(&other.cost).then(self.index.cmp(&other.index))
+    }
+}
+
+impl PartialOrd for Rank {
+    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
+        Some(self.cmp(other))
+    }
+}
+
 /// Whether a client ran its own default, its start, by any decision. All others run the study's `default`.
 pub(crate) fn runs_start(trial: &Trial, default: &Configuration) -> bool {
     trial.mode() == Mode::Default && trial.configuration != *default
+}
+
+/// The client and the time of a trial; a result carried over from elsewhere has neither.
+pub(super) fn moment(trial: &Trial) -> Option<Moment> {
+    let of = || Moment { client: fnv::hash(trial.client_id.bytes()), time: trial.number };
+    trial.decision.origin.is_none().then(of)
 }
 
 /// A known state of the study with its measurements.
