@@ -55,13 +55,6 @@ fn candidates<'a>(query: &Query<'a>) -> Vec<NearState<'a>> {
     chosen
 }
 
-/// The states nearest to the query in which anything was measured, searched or not, for estimates. Estimates
-/// are compared with later measurements. A replay after a restart must give equal estimates, but does not
-/// know when each search began.
-fn closest<'a>(query: &Query<'a>) -> Vec<NearState<'a>> {
-    measured(query, NEIGHBOURS_MAX, false, |_| true)
-}
-
 /// The states that pass nearest to the query in which anything was measured.
 fn measured<'a>(
     query: &Query<'a>,
@@ -147,7 +140,9 @@ impl Predictor for Nearest {
 
     fn estimate(&self, query: &Query<'_>, configuration: &Configuration) -> Option<Estimate> {
         let point = query.space.encode(configuration);
-        let candidates = closest(query);
+        // Searched or not: a replay after a restart must give equal estimates, but does not know when each
+        // search began.
+        let candidates = measured(query, NEIGHBOURS_MAX, false, |_| true);
         let cost =
             |candidate: &NearState<'_>| StateCosts::of(query, candidate.state).cost(configuration, &point);
         first_word(&candidates.iter().filter_map(cost).collect::<Vec<_>>())

@@ -77,11 +77,6 @@ impl Pairs {
         self.log_ratios.push(log_ratio.clamp(-LOG_RATIO_MAX, LOG_RATIO_MAX));
     }
 
-    /// The number of pairs.
-    pub fn count(&self) -> usize {
-        self.log_ratios.len()
-    }
-
     /// The e-value of "the logarithm of the ratio is more than `m`"; with `sign` -1 of "less".
     fn evidence(&self, m: f64, sign: f64) -> f64 {
         let (mut sum, mut squares) = (0.0, 0.0);
@@ -301,7 +296,7 @@ impl Race {
     /// and at any time. `None` without a round of both.
     pub fn gain(&self, of: usize, over: usize) -> Option<RaceGain> {
         let pairs = self.pairs(over, of);
-        if pairs.count() == 0 {
+        if pairs.log_ratios.is_empty() {
             return None;
         }
         let log_ratio = pairs.location();

@@ -13,11 +13,10 @@ use crate::gp::{Hyperparameters, Process, Sample, acquisition};
 use crate::matrix::dot;
 use crate::predict::contextual::lowest::LowestBound;
 use crate::predict::contextual::running::{Running, Runs};
-use crate::predict::contextual::{FeatureMap, PRIOR};
+use crate::predict::contextual::{FeatureMap, FitRequest, PRIOR};
 use crate::predict::{Answer, Estimate, Query, RUNS_LEAST, WORTH};
 use crate::results::{KnownState, Record, ResultTable};
 use crate::space::Space;
-use crate::trial::Neighbour;
 
 /// Most measurements that a process is fitted to.
 const ROWS_MAX: usize = 96;
@@ -42,15 +41,6 @@ const FAILURES_MAX: usize = 64;
 const EXPLORED_RUNS_LEAST: f64 = 0.5;
 /// Deviations that are subtracted where an answer has to be surely good.
 const CAREFUL: f64 = -1.0;
-
-/// The requirements of an answer.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Asked<'a> {
-    /// Number of deviations that are subtracted from the expected cost.
-    pub(super) optimism: f64,
-    /// The configuration of the answer without this model.
-    pub(super) rival: Option<&'a Configuration>,
-}
 
 /// A state whose measurements are used.
 #[derive(Clone, Debug, PartialEq)]
@@ -206,10 +196,8 @@ impl LocalData {
     /// state. Else there is no answer.
     pub(super) fn answer(
         &self,
-        hyper: &Hyperparameters,
+        FitRequest { hyper, optimism, neighbours, rival, .. }: &FitRequest,
         space: &Space,
-        asked: Asked<'_>,
-        neighbours: &[Neighbour],
         random: &mut ChaCha8Rng,
     ) -> Option<Answer> {
         let local = self.local(space, None)?;
@@ -217,7 +205,7 @@ impl LocalData {
         let context = process.context(&self.state);
         let running = self.running(space);
         let layout = &self.features.layout;
-        let runs_least = if asked.rival.is_some() { RUNS_LEAST } else { EXPLORED_RUNS_LEAST };
+        let runs_least = if rival.is_some() { RUNS_LEAST } else { EXPLORED_RUNS_LEAST };
         let excludes = |x: &[f64]| {
             let configuration = space.decode(x);
             match &self.here {
@@ -232,10 +220,10 @@ impl LocalData {
                 true => self.ran_around(&configuration),
                 false => running.encloses(&features),
             };
-            running.probability(&features) < runs_least || asked.rival.is_some() && !is_among()
+            running.probability(&features) < runs_least || rival.is_some() && !is_among()
         };
         let is_worth = |x: &[f64]| {
-            asked.rival.is_none_or(|rival| {
+            rival.as_ref().is_none_or(|rival| {
                 let [own, other] = [x, &space.encode(rival)].map(|x| self.features.features(x));
                 own != other
                     && acquisition::is_worth(process.difference(&context, &own, &other), WORTH)
@@ -243,18 +231,17 @@ impl LocalData {
             })
         };
         // A surely good point takes the place of one that may be best but is not worth its risk.
-        let ways = [asked.optimism, CAREFUL];
-        let (x, belief) =
-            ways.into_iter().take(1 + usize::from(asked.rival.is_some())).find_map(|optimism| {
-                let lowest = LowestBound { process: &process, layout, context: &context, optimism };
-                let known = local.records.iter().map(|record| space.encode(&record.configuration));
-                lowest.search(known, random, excludes).filter(|(x, _)| is_worth(x))
-            })?;
+        let ways = [*optimism, CAREFUL];
+        let (x, belief) = ways.into_iter().take(1 + usize::from(rival.is_some())).find_map(|optimism| {
+            let lowest = LowestBound { process: &process, layout, context: &context, optimism };
+            let known = local.records.iter().map(|record| space.encode(&record.configuration));
+            lowest.search(known, random, excludes).filter(|(x, _)| is_worth(x))
+        })?;
         let variance = belief.deviation * belief.deviation + process.noise();
         Some(Answer {
             configuration: space.decode(&x),
             expected: estimate(&local.warping, belief.mean, variance),
-            neighbours: neighbours.to_vec(),
+            neighbours: neighbours.clone(),
         })
     }
 

@@ -27,7 +27,6 @@ use crate::search::Verdict;
 use crate::search::layout::Layout;
 use crate::space::Space;
 use crate::trial::Neighbour;
-use local_data::Asked;
 pub(crate) use local_data::LocalData;
 
 /// The number of latest lessons that lengths are learnt from.
@@ -141,6 +140,7 @@ impl HyperparameterUpdate {
 pub(crate) struct FitRequest {
     data: LocalData,
     hyper: Hyperparameters,
+    /// Number of deviations that are subtracted from the expected cost.
     optimism: f64,
     neighbours: Vec<Neighbour>,
     /// The configuration of the answer without this model. `None` for a point to explore.
@@ -154,8 +154,7 @@ impl FitRequest {
     pub(crate) fn answer(&self, space: &Space) -> Option<Answer> {
         let (seed, kind, number) = self.random;
         let random = &mut stream(seed, Purpose::Contextual, kind, number);
-        let asked = Asked { optimism: self.optimism, rival: self.rival.as_ref() };
-        self.data.answer(&self.hyper, space, asked, &self.neighbours, random)
+        self.data.answer(self, space, random)
     }
 
     /// The request beside another rival.

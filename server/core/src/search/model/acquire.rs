@@ -25,7 +25,6 @@ pub(super) struct Acquisition<'a> {
     pub(super) cost: Option<&'a Process>,
     /// Predicts 1 for points that cannot be run; `None` while every point could.
     pub(super) failure: Option<&'a Process>,
-    pub(super) dimension: usize,
     /// Factor on the model's deviations of cost.
     pub(super) doubt: f64,
 }
@@ -111,7 +110,7 @@ impl Acquisition<'_> {
         order.sort_by(|a, b| a.believed.total_cmp(&b.believed));
         let least = order.iter().find(|known| known.in_full).map_or(0.0, |known| known.believed);
         let least = if least.is_finite() { least } else { 0.0 };
-        let dimension = self.dimension;
+        let dimension = self.layout.dimension();
         let judge = |mut x: Vec<f64>, floor: f64| {
             held.iter().for_each(|one| x[one.axis] = one.at);
             let active = self.layout.canonical(&mut x);

@@ -51,14 +51,6 @@ impl PlannedPoint {
 }
 
 impl ModelSearch {
-    /// Whether the next point is at hand: a withdrawn one, one of the design, or a planned one.
-    pub(super) fn has_next(&self) -> bool {
-        let begins = self.pending.added() == 0 || self.default_is_due || self.pending.has_withdrawn();
-        let designs = self.believes_others() || !self.queue.is_empty() && !self.is_mostly_infeasible();
-        let probes = self.unseen_level().is_some();
-        begins || designs || probes || self.planned.as_ref().is_some_and(|plan| self.is_good(plan))
-    }
-
     /// Takes over the plan of a copy. A plan with fewer measurements than the last fit, or with other
     /// features (new levels), is ignored.
     pub(super) fn take_over(&mut self, plan: PlannedPoint) {

@@ -20,8 +20,8 @@ use rand_chacha::ChaCha8Rng;
 
 use super::{MeasuredPoint, ModelSearch, PRIOR};
 use crate::gp::Hyperparameters;
+use crate::search::SearchSetup;
 use crate::search::latin_hypercube::design;
-use crate::search::{MainEffects, SearchSetup};
 
 /// The reach of a Latin hypercube along continuous axes, as a share of the cube, and the number of axes from
 /// which on it is limited. A cube of many dimensions is mostly corners, which say nothing of the rest.
@@ -38,20 +38,6 @@ const PATIENCE: usize = 2;
 const CLEARLY_WORSE: f64 = 1.15;
 
 impl ModelSearch {
-    /// Gives the search the results of other states, before any model was fitted. `first` are its first
-    /// points after the default, `winners` further good ones.
-    pub(super) fn begin_with(
-        &mut self,
-        main_effects: MainEffects,
-        first: Vec<Vec<f64>>,
-        winners: Vec<Vec<f64>>,
-    ) {
-        self.setup.layout.main_effects = Some(main_effects);
-        self.begin_models();
-        self.elsewhere = first.into();
-        self.winners = winners.iter().map(|x| self.grid(x).0).collect();
-    }
-
     /// Begins the models again, after their features have changed.
     pub(super) fn begin_models(&mut self) {
         let kinds = self.setup.layout.kinds();
@@ -140,7 +126,7 @@ pub(super) fn steps(setup: &SearchSetup, random: &mut ChaCha8Rng) -> VecDeque<Ve
 
 #[cfg(test)]
 mod tests {
-    use crate::search::{Feedback, Search, SourceMeasurement, Step, Verdict};
+    use crate::search::{Feedback, MainEffects, Search, SourceMeasurement, Step, Verdict};
 
     use super::*;
 

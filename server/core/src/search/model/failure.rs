@@ -8,7 +8,6 @@ use serde::{Deserialize, Serialize};
 use super::cheaper::CheaperPoint;
 use super::{ModelSearch, ModelledPoint, Observed, PRIOR, coordinates};
 use crate::gp::{Process, Sample, Schedule};
-use crate::search::SourceRun;
 
 /// Weight of a point that failed or ran in another state, in measurements.
 const ELSEWHERE_COUNT: f64 = 0.25;
@@ -17,17 +16,11 @@ const ELSEWHERE_COUNT: f64 = 0.25;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct RunElsewhere {
     /// Canonical coordinates, in steps of the grid.
-    x: Vec<u32>,
+    pub(super) x: Vec<u32>,
     pub(super) failed: bool,
 }
 
 impl ModelSearch {
-    /// Takes over the successes and failures of other states.
-    pub(super) fn hear_of_runs(&mut self, runs: Vec<SourceRun>) {
-        let run = |run: SourceRun| RunElsewhere { x: self.grid(&run.x).0, failed: run.failed };
-        self.runs_elsewhere = runs.into_iter().map(run).collect();
-    }
-
     /// The features of a run in another state, and whether it failed.
     fn ran_elsewhere(&self, run: &RunElsewhere) -> (Vec<f64>, bool) {
         let x = coordinates(&run.x);

@@ -327,7 +327,6 @@ impl ModelSearch {
             layout: &self.setup.layout,
             cost,
             failure: failure.as_ref(),
-            dimension: self.setup.dimension(),
             doubt: if is_other { 1.0 } else { 1.0 + self.doubt() },
         };
         let pending: Vec<Vec<u32>> = self.pending.points().map(|point| self.grid(&point.x).0).collect();
@@ -528,16 +527,24 @@ impl Search for ModelSearch {
         winners: Vec<Vec<f64>>,
         runs: Vec<SourceRun>,
     ) {
-        self.begin_with(main_effects, first, winners);
-        self.hear_of_runs(runs);
+        self.setup.layout.main_effects = Some(main_effects);
+        self.begin_models();
+        self.elsewhere = first.into();
+        self.winners = winners.iter().map(|x| self.grid(x).0).collect();
+        let run = |run: &SourceRun| RunElsewhere { x: self.grid(&run.x).0, failed: run.failed };
+        self.runs_elsewhere = runs.iter().map(run).collect();
     }
 
+    /// The next point is at hand: a withdrawn one, one of the design, or a planned one.
     fn is_ready(&self) -> bool {
-        self.has_next()
+        let begins = self.pending.added() == 0 || self.default_is_due || self.pending.has_withdrawn();
+        let designs = self.believes_others() || !self.queue.is_empty() && !self.is_mostly_infeasible();
+        let probes = self.unseen_level().is_some();
+        begins || designs || probes || self.planned.as_ref().is_some_and(|plan| self.is_good(plan))
     }
 
     fn ask_at_once(&mut self) -> Option<Point> {
-        if self.has_next() {
+        if self.is_ready() {
             return self.ask();
         }
         let next = self.next_at_once();
