@@ -326,6 +326,14 @@ mod tests {
     use super::*;
     use crate::randomness::standard_normal as normal;
 
+    fn of(costs: &[f64]) -> Evidence {
+        let mut evidence = Evidence::default();
+        for cost in costs {
+            let _ = evidence.push(*cost, None);
+        }
+        evidence
+    }
+
     #[test]
     fn the_location_is_that_of_hodges_and_lehmann() {
         assert_eq!(location(&[]), 0.0);
@@ -371,16 +379,10 @@ mod tests {
 
     #[test]
     fn a_restless_configuration_has_a_deviation_of_its_own() {
-        let of = |costs: &[f64]| {
-            let mut evidence = Evidence::default();
-            for cost in costs {
-                let _ = evidence.push(*cost, None);
-            }
-            evidence.log_deviation(0.05)
-        };
-        assert_eq!(of(&[10.0]), 0.05);
-        assert!(of(&[10.0, 10.0, 10.0, 10.0]) < 0.04);
-        assert!(of(&[141.7, 118.2, 155.5, 120.1, 283.7, 121.5, 491.0]) > 0.3);
+        let deviation = |costs: &[f64]| of(costs).log_deviation(0.05);
+        assert_eq!(deviation(&[10.0]), 0.05);
+        assert!(deviation(&[10.0, 10.0, 10.0, 10.0]) < 0.04);
+        assert!(deviation(&[141.7, 118.2, 155.5, 120.1, 283.7, 121.5, 491.0]) > 0.3);
     }
 
     #[test]
@@ -413,27 +415,22 @@ mod tests {
 
     #[test]
     fn one_absurd_measurement_among_few_is_passed_over() {
-        let of = |costs: &[f64], usual| {
-            let mut evidence = Evidence::default();
-            costs.iter().for_each(|cost| {
-                let _ = evidence.push(*cost, None);
-            });
-            (evidence.location(usual), evidence.log_deviation(0.05))
-        };
         for wild in [0.0, 1e-300, 1.7e15, f64::MAX] {
             for count in 2..8 {
                 for place in 0..count {
                     let mut costs = vec![50.0; count];
                     costs[place] = wild;
-                    let (location, deviation) = of(&costs, Some(60.0));
+                    let evidence = of(&costs);
+                    let (location, deviation) = (evidence.location(Some(60.0)), evidence.log_deviation(0.05));
                     assert!((location / 50.0 - 1.0).abs() < 1e-9, "{costs:?}: {location}");
                     assert!(deviation < 0.06, "{costs:?}: {deviation}");
                 }
             }
         }
-        assert_eq!(of(&[1.7e15, 50.0], None).0, 50.0, "the lower one where nothing else is known");
-        assert_eq!(of(&[40.0, 60.0], Some(1.0)).0, 50.0, "what lies together counts");
-        assert_eq!(of(&[0.0, 0.0], Some(1.0)).0, 0.0);
+        let alone = of(&[1.7e15, 50.0]).location(None);
+        assert_eq!(alone, 50.0, "the lower one where nothing else is known");
+        assert_eq!(of(&[40.0, 60.0]).location(Some(1.0)), 50.0, "what lies together counts");
+        assert_eq!(of(&[0.0, 0.0]).location(Some(1.0)), 0.0);
     }
 
     #[test]

@@ -147,7 +147,9 @@ fn the_diagonal_is_raised_where_it_must_be_and_then_by_as_little_as_rounding() {
         let factor = Factor::of(matrix.as_slice(), size).expect("raised until it has a factor");
         let raised = product(&factor, size) - &matrix;
         assert!(raised.amax() < 1e-8 * matrix.amax(), "{}", raised.amax());
+        assert!(factor.half_log_determinant().is_finite());
     }
+    assert!(Factor::of(&[f64::NAN], 1).is_none());
 }
 
 #[test]
