@@ -318,19 +318,11 @@ mod tests {
         assert_eq!(unnamed.find(Some(&Fingerprint::default())), Some(place), "it says nothing");
         let levels =
             |from: usize| places.iter().map(|&to| machines.level(places[from], to)).collect::<Vec<_>>();
-        assert_eq!(
-            levels(0),
-            [MachineLevel::Machine, MachineLevel::Group, MachineLevel::Fleet, MachineLevel::Fleet]
-        );
-        assert_eq!(
-            levels(2),
-            [MachineLevel::Fleet, MachineLevel::Fleet, MachineLevel::Machine, MachineLevel::Fleet]
-        );
-        assert_eq!(machines.change_of_software(MachineId(2)).as_deref(), Some("embree 4.3 -> 4.4"));
-        assert_eq!(
-            (machines.change_of_software(MachineId(0)), machines.change_of_software(MachineId(3))),
-            (None, None)
-        );
+        let [own, group, fleet] = [MachineLevel::Machine, MachineLevel::Group, MachineLevel::Fleet];
+        assert_eq!(levels(0), [own, group, fleet, fleet]);
+        assert_eq!(levels(2), [fleet, fleet, own, fleet]);
+        let changes = [0, 2, 3].map(|place| machines.change_of_software(MachineId(place)));
+        assert_eq!(changes, [None, Some("embree 4.3 -> 4.4".to_owned()), None]);
     }
 
     #[test]
@@ -339,33 +331,25 @@ mod tests {
         for threads in 0..2 {
             machines.note_founder(Some(&machine("a", threads, "4")));
         }
-        let before = machines.miss_2(MachineId(1), MachineLevel::Group);
-        assert!(
-            (before - 0.0025).abs() < 1e-12
-                && (machines.miss_2(MachineId(1), MachineLevel::Fleet) - 0.0225).abs() < 1e-12
-        );
-        (0..50).for_each(|_| machines.carry(MachineId(1), MachineLevel::Group, -0.3, -0.3));
-        assert!(machines.miss_2(MachineId(1), MachineLevel::Group) < before / 5.0);
-        assert!((machines.share(MachineId(1), MachineLevel::Group) - 1.0).abs() < 1e-9);
+        let (one, group, fleet) = (MachineId(1), MachineLevel::Group, MachineLevel::Fleet);
+        let close = |a: f64, b: f64| (a - b).abs() < 1e-12;
+        assert!(close(machines.miss_2(one, group), 0.0025) && close(machines.miss_2(one, fleet), 0.0225));
+        (0..50).for_each(|_| machines.carry(one, group, -0.3, -0.3));
+        assert!(machines.miss_2(one, group) < 0.0025 / 5.0);
+        assert!((machines.share(one, group) - 1.0).abs() < 1e-9);
         // A configuration that halves the fleet's cost doubles it here.
-        (0..3).for_each(|_| machines.carry(MachineId(1), MachineLevel::Fleet, -0.7, 0.7));
-        assert_eq!(machines.share(MachineId(1), MachineLevel::Fleet), 0.0);
-        (0..3).for_each(|_| machines.carry(MachineId(1), MachineLevel::Group, 1.0, f64::INFINITY));
-        assert!(
-            machines.miss_2(MachineId(1), MachineLevel::Group) > 0.1
-                && machines.miss_2(MachineId(1), MachineLevel::Group) <= 9.0
-        );
-        (0..500).for_each(|_| machines.carry(MachineId(1), MachineLevel::Fleet, 0.0, 0.0));
-        assert!(machines.share(MachineId(1), MachineLevel::Fleet) > 0.9, "it is asked again in time");
-        assert_eq!(machines.factor(MachineId(0), MachineId(1)), 1.0);
-        (0..9).for_each(|_| machines.compare(MachineId(1), libm::log(2.0) - machines.effect(MachineId(1))));
-        assert!(
-            (machines.factor(MachineId(0), MachineId(1)) - 2.0).abs() < 1e-12
-                && (machines.factor(MachineId(1), MachineId(0)) - 0.5).abs() < 1e-12
-        );
+        (0..3).for_each(|_| machines.carry(one, fleet, -0.7, 0.7));
+        assert_eq!(machines.share(one, fleet), 0.0);
+        (0..3).for_each(|_| machines.carry(one, group, 1.0, f64::INFINITY));
+        assert!(machines.miss_2(one, group) > 0.1 && machines.miss_2(one, group) <= 9.0);
+        (0..500).for_each(|_| machines.carry(one, fleet, 0.0, 0.0));
+        assert!(machines.share(one, fleet) > 0.9, "it is asked again in time");
+        assert_eq!(machines.factor(FIRST, one), 1.0);
+        (0..9).for_each(|_| machines.compare(one, libm::log(2.0) - machines.effect(one)));
+        assert!(close(machines.factor(FIRST, one), 2.0) && close(machines.factor(one, FIRST), 0.5));
         // All others are compared to the first machine.
-        machines.compare(MachineId(0), 1.0);
-        assert_eq!((machines.effect(MachineId(0)), machines.factor(MachineId(1), MachineId(1))), (0.0, 1.0));
+        machines.compare(FIRST, 1.0);
+        assert_eq!((machines.effect(FIRST), machines.factor(one, one)), (0.0, 1.0));
     }
 
     #[test]
@@ -376,17 +360,13 @@ mod tests {
             machines.note_founder(Some(&of(threads)));
         }
         machines.note_founder(Some(&of(0)));
-        assert_eq!(
-            machines.note_founder(Some(&of(MACHINES_MAX))),
-            (MachineId(MACHINES_MAX as u64), Some(MachineId(1)))
-        );
+        let next = MachineId(MACHINES_MAX as u64);
+        assert_eq!(machines.note_founder(Some(&of(MACHINES_MAX))), (next, Some(MachineId(1))));
         assert_eq!(machines.find(Some(&of(1))), None);
         assert_eq!(machines.find(Some(&of(0))), Some(MachineId(0)));
         // It comes back as a new machine.
-        assert_eq!(
-            machines.note_founder(Some(&of(1))),
-            (MachineId(MACHINES_MAX as u64 + 1), Some(MachineId(2)))
-        );
-        assert_eq!(machines.level(MachineId(MACHINES_MAX as u64 + 1), MachineId(1)), MachineLevel::Group);
+        let again = MachineId(next.0 + 1);
+        assert_eq!(machines.note_founder(Some(&of(1))), (again, Some(MachineId(2))));
+        assert_eq!(machines.level(again, MachineId(1)), MachineLevel::Group);
     }
 }

@@ -209,6 +209,4 @@ mod contract;
 #[cfg(test)]
 mod mixed;
 #[cfg(test)]
-mod quality;
-#[cfg(test)]
 mod stiff;

@@ -52,6 +52,18 @@ fn where_nothing_can_be_run_every_search_goes_on() {
 }
 
 #[test]
+fn a_search_that_only_meets_infeasible_points_looks_everywhere() {
+    let mut reached = [[false; 4]; 4];
+    run(SearchMethod::NelderMead, SearchSetup::plain(5, vec![0.5; 4], 120, Vec::new()), |x| {
+        for (axis, x) in x.iter().enumerate() {
+            reached[axis][((x * 4.0) as usize).min(3)] = true;
+        }
+        Verdict::Infeasible
+    });
+    assert_eq!(reached, [[true; 4]; 4]);
+}
+
+#[test]
 fn spaces_of_one_point_and_of_a_few_are_asked_again_and_again() {
     for &method in METHODS {
         assert_eq!(run(method, setup(1, 30, vec![1]), |_| Verdict::Cost(2.0)), 2.0);

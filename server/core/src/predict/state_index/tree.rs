@@ -366,7 +366,9 @@ mod tests {
             let mut tree = KdTree::new(width);
             (0..many).for_each(|index| tree.insert(index, &vec![0.5; width]));
             assert_eq!(tree.nodes.len(), 1);
-            assert_eq!(tree.within(&vec![0.5; width], 0.0), Some(IndexEntry { name: 0, distance_2: 0.0 }));
+            let at = vec![0.5; width];
+            assert_eq!(tree.within(&at, 0.0), Some(IndexEntry { name: 0, distance_2: 0.0 }));
+            assert_eq!(tree.nearest(&at, &vec![1.0; width], 2, &mut |_| Some(0.0)).len(), 2);
         }
         // Beside others on both sides, which are still found.
         let mut tree = KdTree::new(1);
@@ -376,18 +378,6 @@ mod tests {
         assert!(depth(&tree, 0) < 30, "{}", depth(&tree, 0));
         assert_eq!(tree.nearest(&[70.2], &[1.0], 1, &mut |_| Some(0.0))[0].name, many + 70);
         assert_eq!(tree.within(&[49.5], 0.1).map(|found| found.name), Some(100));
-    }
-
-    #[test]
-    fn a_filter_and_no_coordinates_at_all_are_no_trouble() {
-        let mut tree = KdTree::new(2);
-        (0..500u32).for_each(|index| tree.insert(index, &[f64::from(index % 20), f64::from(index / 20)]));
-        let even = tree.nearest(&[3.0, 3.0], &[1.0, 1.0], 1, &mut |name| (name % 2 == 0).then_some(0.0));
-        assert_eq!(even, vec![IndexEntry { name: 62, distance_2: 1.0 }], "(2, 3), first named of four");
-        let mut tree = KdTree::new(0);
-        (0..100).for_each(|index| tree.insert(index, &[]));
-        assert_eq!(tree.nearest(&[], &[], 2, &mut |_| Some(0.0)).len(), 2);
-        assert_eq!(tree.within(&[], 0.0), Some(IndexEntry { name: 0, distance_2: 0.0 }));
     }
 
     proptest! {
