@@ -15,7 +15,8 @@ const VARIANCE_MIN: f64 = 1e-9;
 #[derive(Clone, Debug)]
 pub(crate) struct Process {
     sample: Sample,
-    weights: Vec<f64>,
+    /// The weight of each feature: the inverse square of its length.
+    pub(crate) weights: Vec<f64>,
     factor: Factor,
     /// Inverse of the correlations times the values less their mean.
     alpha: Vec<f64>,
@@ -23,10 +24,11 @@ pub(crate) struct Process {
     /// Variance of the values, without noise.
     variance: f64,
     /// Variance of one measurement around its mean.
-    noise: f64,
+    pub(crate) noise: f64,
     /// The trend's variance as a share of the values'.
     trend: f64,
-    log_likelihood: f64,
+    /// Logarithm of the likelihood of its values, their Jacobian counted, but for a constant.
+    pub(crate) log_likelihood: f64,
 }
 
 /// The posterior of a process at a point.
@@ -128,22 +130,6 @@ impl Process {
                 Process { sample, weights, factor, alpha, mean, variance, noise, trend, log_likelihood };
             return Some((process, view));
         }
-    }
-
-    /// The weight of each feature: the inverse square of its length.
-    pub(crate) fn weights(&self) -> &[f64] {
-        &self.weights
-    }
-
-    /// Logarithm of the likelihood of the values it was fitted to, their Jacobian counted, but for a
-    /// constant.
-    pub(crate) fn log_likelihood(&self) -> f64 {
-        self.log_likelihood
-    }
-
-    /// Variance of a single measurement around its mean.
-    pub(crate) fn noise(&self) -> f64 {
-        self.noise
     }
 
     /// The distances along the first features, which many points share.

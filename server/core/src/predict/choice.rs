@@ -122,7 +122,7 @@ impl Predictors {
 
     /// The deferred updates, to be computed apart; `None` where there are none.
     pub fn deferred(&self) -> Option<DeferredUpdates> {
-        let hyper = || self.contextual().map(|model| model.hyper().clone());
+        let hyper = || self.contextual().map(|model| model.hyper.clone());
         let updates = || DeferredUpdates {
             updates: self.deferred.clone(),
             hyper: hyper(),
@@ -142,7 +142,7 @@ impl Predictors {
         self.deferred.drain(..same);
         self.tallies = tallies;
         if let (Some(model), Some(hyper)) = (self.contextual_mut(), hyper) {
-            model.set_hyper(hyper);
+            model.hyper = hyper;
         }
     }
 

@@ -38,18 +38,6 @@ struct Fading {
     weight: f64,
 }
 
-impl Fading {
-    fn take(&mut self, error: f64) {
-        self.sum = FADE * self.sum + error;
-        self.weight = FADE * self.weight + 1.0;
-    }
-
-    /// `None` before the first.
-    fn mean(&self) -> Option<f64> {
-        (self.weight > 0.0).then(|| self.sum / self.weight)
-    }
-}
-
 /// A mean error and its 95 % interval, by the normal approximation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ErrorInterval {
@@ -70,12 +58,14 @@ impl ErrorStatistics {
         self.count += 1;
         self.sum.add(error);
         self.squares.add(error * error);
-        self.recent.take(error);
+        let Fading { sum, weight } = &mut self.recent;
+        (*sum, *weight) = (FADE * *sum + error, FADE * *weight + 1.0);
     }
 
     /// The recent mean error, on which the choice rests. Infinite before the first.
     pub fn recent(&self) -> f64 {
-        self.recent.mean().unwrap_or(f64::INFINITY)
+        let Fading { sum, weight } = self.recent;
+        if weight > 0.0 { sum / weight } else { f64::INFINITY }
     }
 
     /// The mean error of all trials; `None` before the first.

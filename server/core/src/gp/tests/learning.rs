@@ -62,9 +62,9 @@ fn features_that_matter_get_short_lengths_and_noise_is_found() {
         let schedule = Schedule { steps: 40, ahead: false };
         let learnt = Process::learn(sample, &[(values, 0.0)], &mut hyper, &PRIOR, schedule);
         let (process, _) = learnt.expect("positive definite");
-        assert!(process.log_likelihood() > before + 1.0, "{} {before}", process.log_likelihood());
-        assert!(process.weights()[0] > 4.0 * process.weights()[1], "{:?}", process.weights());
-        process.noise().sqrt()
+        assert!(process.log_likelihood > before + 1.0, "{} {before}", process.log_likelihood);
+        assert!(process.weights[0] > 4.0 * process.weights[1], "{:?}", process.weights);
+        process.noise.sqrt()
     };
     let (quiet, loud) = (noise_of(0.01), noise_of(0.3));
     assert!(quiet < 0.1 && (0.15..0.6).contains(&loud), "{quiet} {loud}");
@@ -165,8 +165,8 @@ fn the_jacobian_of_a_view_counts_like_its_likelihood() {
     };
     let ((first, a), (second, b), (none, _)) = (fit([2.5, 0.0]), fit([0.0, 2.5]), fit([0.0, 0.0]));
     assert_eq!((a, b), (0, 1));
-    assert_eq!(first.log_likelihood(), second.log_likelihood());
-    assert!((first.log_likelihood() - none.log_likelihood() - 2.5).abs() < 1e-9);
+    assert_eq!(first.log_likelihood, second.log_likelihood);
+    assert!((first.log_likelihood - none.log_likelihood - 2.5).abs() < 1e-9);
 }
 
 /// Two ordered features, and one of two categories by turns.

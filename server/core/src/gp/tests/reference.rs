@@ -84,8 +84,8 @@ fn mean_variance_and_likelihood_are_those_of_a_dense_reference() {
             let left = y.add_scalar(-mean);
             let variance = ((left.transpose() * &inverse * &left)[0] + PRIOR.squares) / 26.0;
             let likelihood = -13.0 * variance.ln() - 0.5 * dense.determinant().ln();
-            assert!((process.log_likelihood() - likelihood).abs() < 1e-8 * likelihood.abs());
-            assert!((process.noise() - hyper.noise(kinds.len()) * variance).abs() < 1e-10);
+            assert!((process.log_likelihood - likelihood).abs() < 1e-8 * likelihood.abs());
+            assert!((process.noise - hyper.noise(kinds.len()) * variance).abs() < 1e-10);
 
             for at in with_parts(super::points(kinds, 20, seed + 10), parts, seed + 30) {
                 let towards =
@@ -177,7 +177,7 @@ fn intervals_cover_what_is_drawn_from_the_prior() {
         let covers = |value: f64, variance: f64| (value - belief.mean).abs() < 1.96 * variance.sqrt();
         let variance = belief.deviation * belief.deviation;
         means += u64::from(covers(level + scale * truth[count], variance));
-        measurements += u64::from(covers(again, variance + process.noise()));
+        measurements += u64::from(covers(again, variance + process.noise));
     }
     for covered in [means, measurements] {
         let share = covered as f64 / draws as f64;

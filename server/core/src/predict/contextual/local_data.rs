@@ -216,7 +216,7 @@ impl LocalData {
             let features = layout.features(x, &layout.active(x));
             // Limits of feasibility are sharp, and their model is not. So beside a rival an answer lies among
             // what ran near by.
-            let is_among = || match running.knows_failures() {
+            let is_among = || match running.failed {
                 true => self.ran_around(&configuration),
                 false => running.encloses(&features),
             };
@@ -237,7 +237,7 @@ impl LocalData {
             let known = local.records.iter().map(|record| space.encode(&record.configuration));
             lowest.search(known, random, excludes).filter(|(x, _)| is_worth(x))
         })?;
-        let variance = belief.deviation * belief.deviation + process.noise();
+        let variance = belief.deviation * belief.deviation + process.noise;
         Some(Answer {
             configuration: space.decode(&x),
             expected: estimate(&local.warping, belief.mean, variance),
@@ -256,7 +256,7 @@ impl LocalData {
         let process = Process::fit(local.sample, local.values, hyper, &PRIOR)?;
         let context = process.context(&self.state);
         let belief = process.at(&context, &self.features.features(&space.encode(configuration)));
-        let variance = belief.deviation * belief.deviation + process.noise();
+        let variance = belief.deviation * belief.deviation + process.noise;
         Some(estimate(&local.warping, belief.mean, variance))
     }
 }

@@ -108,7 +108,7 @@ pub struct Contextual {
     features: Arc<FeatureMap>,
     indicators: usize,
     seed: u64,
-    hyper: Hyperparameters,
+    pub(super) hyper: Hyperparameters,
     /// The latest lessons, in a ring.
     examples: Vec<Example>,
     lessons: u64,
@@ -170,15 +170,6 @@ impl Contextual {
         let features = FeatureMap::of(space, indicators);
         let hyper = Hyperparameters::new(&features.kinds, &PRIOR);
         Contextual { hyper, features, indicators, seed, examples: Vec::new(), lessons: 0 }
-    }
-
-    /// The learnt hyperparameters of the covariance.
-    pub(super) fn hyper(&self) -> &Hyperparameters {
-        &self.hyper
-    }
-
-    pub(super) fn set_hyper(&mut self, hyper: Hyperparameters) {
-        self.hyper = hyper;
     }
 
     /// Adds a lesson. Gives the update of lengths and noise that is now due, to be applied later.

@@ -42,7 +42,8 @@ pub(super) struct Running {
     /// The kinds of a configuration's features, and the configurations that ran, each once.
     kinds: Vec<FeatureKind>,
     ran: Vec<Vec<f64>>,
-    failed: bool,
+    /// Whether anything failed near by.
+    pub(super) failed: bool,
 }
 
 impl Running {
@@ -75,17 +76,10 @@ impl Running {
         Running { model, kinds, ran: Vec::new(), failed: true }
     }
 
-    /// Whether anything failed near by.
-    pub(super) fn knows_failures(&self) -> bool {
-        self.failed
-    }
-
     /// The probability that a point can be run.
     pub(super) fn probability(&self, features: &[f64]) -> f64 {
         match &self.model {
-            Some((process, context)) => {
-                probability_below(0.5, process.at(context, features), process.noise())
-            }
+            Some((process, context)) => probability_below(0.5, process.at(context, features), process.noise),
             None => runs_after(self.ran.len()),
         }
     }

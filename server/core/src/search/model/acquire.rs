@@ -83,7 +83,7 @@ impl Acquisition<'_> {
     /// The probability that a point can be run.
     pub(super) fn feasible(&self, features: &[f64]) -> f64 {
         self.failure.map_or(1.0, |failure| {
-            probability_below(0.5, failure.predict(features), failure.noise()).max(FEASIBLE_MIN)
+            probability_below(0.5, failure.predict(features), failure.noise).max(FEASIBLE_MIN)
         })
     }
 

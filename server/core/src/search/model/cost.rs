@@ -79,7 +79,7 @@ impl ModelSearch {
         let sample = |points: &[&[f64]], counts| Sample::new(kinds.clone(), points, counts).prepared();
         let first = sample(&points, counts.clone());
         let (mut process, view) = Process::learn(first, &views, hyper, &PRIOR, schedule)?;
-        let evidence = process.log_likelihood();
+        let evidence = process.log_likelihood;
         let censored = |place: &ModelledPoint| matches!(place.observed, Observed::AtLeast(_));
         if !cheaper.is_empty() || measured.iter().any(|place| censored(place)) {
             let values = &mut views[view].0;
@@ -92,11 +92,11 @@ impl ModelSearch {
                 values.for_each(|(_, value)| *value -= shift);
             }
             for (value, place) in values.iter_mut().zip(measured).filter(|(_, place)| censored(place)) {
-                *value = mean_above(*value, process.predict(&place.features), process.noise());
+                *value = mean_above(*value, process.predict(&place.features), process.noise);
             }
             process = Process::fit(sample(&points, counts.clone()), views[view].0.clone(), hyper, &PRIOR)?;
         }
-        let noise = warping.relative(view, process.noise().sqrt());
+        let noise = warping.relative(view, process.noise.sqrt());
         // Pending points count as measured at their expected cost.
         let pending: Vec<Vec<f64>> = self.pending.points().map(|point| self.grid(&point.x).1).collect();
         if pending.is_empty() {

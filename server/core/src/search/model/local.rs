@@ -145,7 +145,7 @@ impl Near {
             count: place.count,
         };
         let measured: Vec<LocalMeasurement> = measured.iter().filter(agrees).map(of).collect();
-        let weights = axes.iter().map(|&axis| cost.weights()[axis]).collect();
+        let weights = axes.iter().map(|&axis| cost.weights[axis]).collect();
         let enough = !axes.is_empty() && measured.len() >= NEAREST.min(axes.len() + 2);
         enough.then_some(Near { best, axes, measured, weights })
     }
