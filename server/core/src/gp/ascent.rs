@@ -45,10 +45,8 @@ mod tests {
         assert_eq!(after(3.0), (0.5, 0.5, 1));
         assert_eq!(after(2.0), (1.1, 0.6, 1));
         let (value, step, sign) = after(1.0);
-        assert!(
-            (value - 1.8).abs() < 1e-12 && step == 0.7 && sign == 1,
-            "no longer than 0.7: {value} {step}"
-        );
+        assert!((value - 1.8).abs() < 1e-12, "{value}");
+        assert_eq!((step, sign), (0.7, 1), "no longer than 0.7");
         assert_eq!(after(-1.0), (value, 0.35, 0), "a turn: half the step, and a rest");
         assert_eq!(after(-1.0), (value - 0.35, 0.35, -1), "the first step back has the size it had");
         assert_eq!(after(1.0), (value - 0.35, 0.2, 0), "no shorter than 0.2");

@@ -143,11 +143,8 @@ fn the_prior_is_where_it_says() {
                 gradient[index] = stronger * displaced / (spread * spread);
                 hyper.ascend(&KINDS, &gradient, &prior);
                 let moved = hyper.log_mut()[index] - before;
-                assert_eq!(
-                    moved * displaced > 0.0,
-                    stronger > 1.0,
-                    "{index} {displaced} {stronger}: {moved}"
-                );
+                let is_away = moved * displaced > 0.0;
+                assert_eq!(is_away, stronger > 1.0, "{index} {displaced} {stronger}: {moved}");
             }
         }
     }

@@ -79,10 +79,7 @@ fn averages(truth: impl Fn(&[f64]) -> f64, dimension: usize, trials: usize) -> (
 fn nothing_is_told_to_be_gained_where_everything_costs_the_same() {
     for dimension in [6, 28] {
         let (estimated, _, lucky, held) = averages(|_| 1.0, dimension, 40);
-        assert!(
-            estimated <= 0.015 && held >= 19,
-            "{dimension}: estimated {estimated}, interval held {held} times"
-        );
+        assert!(estimated <= 0.015 && held >= 19, "{dimension}: {estimated}, interval held {held} times");
         assert!(lucky > 0.08, "the lowest of many would tell {lucky}");
     }
 }
