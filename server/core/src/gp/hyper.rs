@@ -77,8 +77,12 @@ impl Prior {
 impl Hyperparameters {
     /// The middle of the prior, for a process without a trend.
     pub(crate) fn new(kinds: &[FeatureKind], prior: &Prior) -> Self {
-        let log: Vec<f64> = (0..=kinds.len()).map(|index| prior.of(index, kinds).0).collect();
-        Hyperparameters { steps: vec![STEP_START; log.len()], signs: vec![0; log.len()], log }
+        Self::of(kinds, prior, kinds.len() + 1)
+    }
+
+    fn of(kinds: &[FeatureKind], prior: &Prior, count: usize) -> Self {
+        let log = (0..count).map(|index| prior.of(index, kinds).0).collect();
+        Hyperparameters { log, steps: vec![STEP_START; count], signs: vec![0; count] }
     }
 
     /// Whether they are of a process of `dimension` features without a trend.
@@ -88,11 +92,7 @@ impl Hyperparameters {
 
     /// The start of ascent for a process with a quadratic trend.
     pub(crate) fn with_trend(kinds: &[FeatureKind], prior: &Prior) -> Self {
-        let mut hyper = Hyperparameters::new(kinds, prior);
-        hyper.log.push(libm::log(TREND_MEAN));
-        hyper.steps.push(STEP_START);
-        hyper.signs.push(0);
-        hyper
+        Self::of(kinds, prior, kinds.len() + 2)
     }
 
     /// The weight of each feature.

@@ -39,11 +39,7 @@ impl Sample {
         let linear = kinds.iter().position(|kind| *kind == FeatureKind::Linear);
         assert!(kinds.iter().filter(|kind| **kind == FeatureKind::Linear).count() <= 1, "one linear feature");
         assert!(parts == 0 || linear.is_some(), "{parts} parts of nothing");
-        let by_point: Vec<Vec<f64>> = if linear.is_some() {
-            points.iter().map(|point| linear_terms(&kinds, *point)).collect()
-        } else {
-            Vec::new()
-        };
+        let by_point: Vec<Vec<f64>> = points.iter().map(|point| linear_terms(&kinds, *point)).collect();
         let count = by_point.first().map_or(0, Vec::len);
         let terms = (0..count).map(|term| by_point.iter().map(|terms| terms[term]).collect()).collect();
         let rows = points.iter().flat_map(|point| &point[..width]).copied().collect();

@@ -85,32 +85,18 @@ fn listed(query: &Query<'_>, candidates: &[NearState<'_>]) -> Vec<Neighbour> {
     candidates.iter().take(NEIGHBOURS_MAX).filter_map(neighbour).collect()
 }
 
-/// A state's table as points: its best configurations and their mean costs, on the asking machine.
-struct StateCosts<'a> {
-    state: &'a KnownState,
-    factor: f64,
-    points: Vec<(Vec<f64>, f64)>,
-}
-
-impl<'a> StateCosts<'a> {
-    fn of(query: &Query<'_>, state: &'a KnownState) -> Self {
-        let records = state.results.ranked().take(RECORDS);
-        let points = records.map(|record| {
-            (query.space.encode(&record.configuration), query.translate(state, record.mean_cost))
-        });
-        let factor = query.translate(state, 1.0);
-        StateCosts { state, factor, points: points.collect() }
+/// The cost of a configuration in a state, on the asking machine: its own mean, else that of the state's best
+/// configurations that is most like it.
+fn cost_in(query: &Query<'_>, state: &KnownState, configuration: &Configuration) -> Option<f64> {
+    let own = state.results.record(configuration).filter(|record| record.measurements > 0);
+    if let Some(own) = own {
+        return Some((query.translate(state, 1.0) * own.mean_cost).min(f64::MAX));
     }
-
-    /// The cost of a configuration in the state: its own mean, else that of the configuration most like it.
-    fn cost(&self, configuration: &Configuration, point: &[f64]) -> Option<f64> {
-        let own = self.state.results.record(configuration).filter(|record| record.measurements > 0);
-        own.map(|record| (self.factor * record.mean_cost).min(f64::MAX)).or_else(|| {
-            let alike = |(other, _): &(Vec<f64>, f64)| distance_2(other, point);
-            let nearest = self.points.iter().min_by(|a, b| alike(a).total_cmp(&alike(b)));
-            nearest.map(|(_, cost)| *cost)
-        })
-    }
+    let point = query.space.encode(configuration);
+    let far = |record: &Record| distance_2(&query.space.encode(&record.configuration), &point);
+    let records = state.results.ranked().take(RECORDS).map(|record| (far(record), record));
+    let nearest = records.min_by(|a, b| a.0.total_cmp(&b.0));
+    nearest.map(|(_, record)| query.translate(state, record.mean_cost))
 }
 
 /// The first state's cost, with the others' distance from it as deviation; a single state's deviation is its
@@ -139,12 +125,10 @@ impl Predictor for Nearest {
     }
 
     fn estimate(&self, query: &Query<'_>, configuration: &Configuration) -> Option<Estimate> {
-        let point = query.space.encode(configuration);
         // Searched or not: a replay after a restart must give equal estimates, but does not know when each
         // search began.
         let candidates = measured(query, NEIGHBOURS_MAX, false, |_| true);
-        let cost =
-            |candidate: &NearState<'_>| StateCosts::of(query, candidate.state).cost(configuration, &point);
+        let cost = |candidate: &NearState<'_>| cost_in(query, candidate.state, configuration);
         first_word(&candidates.iter().filter_map(cost).collect::<Vec<_>>())
     }
 

@@ -322,6 +322,11 @@ impl Race {
         (1..self.contenders.len()).filter(|&place| !self.contenders[place].is_out)
     }
 
+    /// Whether all contenders that can be run, and stand, have run that many rounds.
+    fn have_run(&self, rounds: usize) -> bool {
+        self.contenders.iter().all(|contender| contender.is_out || contender.log_costs.len() >= rounds)
+    }
+
     /// Drops challengers that cannot gain enough any more, and those that are proven worse than another one.
     /// Once all have run their part of the rounds only the best one stays, as long as it is ahead.
     fn sort_out(&mut self) {
@@ -339,12 +344,10 @@ impl Race {
             });
             self.contenders[place].is_out = beaten || hopeless;
         }
-        let has_run = |place: usize| self.contenders[place].log_costs.len() >= ROUNDS_OF_ALL;
-        let incumbent_fails = self.contenders[0].is_out;
-        if !self.standing().all(has_run) || !(incumbent_fails || has_run(0)) {
+        if !self.have_run(ROUNDS_OF_ALL) {
             return;
         }
-        let best = match incumbent_fails {
+        let best = match self.contenders[0].is_out {
             true => {
                 let mean = |place: &usize| self.contenders[*place].mean();
                 self.standing().min_by(|a, b| mean(a).total_cmp(&mean(b)))
@@ -385,16 +388,13 @@ impl Race {
         if standing.is_empty() {
             return RaceResult::NothingBetter;
         }
-        let incumbent_fails = self.contenders[0].is_out;
         if self.is_exact() {
             let log_cost = |place: usize| self.contenders[place].log_costs[0];
             let better = standing.into_iter().filter(|&place| log_cost(place) < log_cost(0));
             let best = better.min_by(|&a, &b| log_cost(a).total_cmp(&log_cost(b)));
             return best.map_or(RaceResult::NothingBetter, RaceResult::Better);
         }
-        let has_run = |place: usize| self.contenders[place].log_costs.len() >= self.rounds_max;
-        let incumbent_has_run = incumbent_fails || has_run(0);
-        let is_over = incumbent_has_run && standing.iter().all(|&place| has_run(place));
+        let is_over = self.have_run(self.rounds_max);
         if !is_over && (standing.len() > 1 || !self.is_proven(standing[0])) {
             return RaceResult::Open;
         }

@@ -311,8 +311,8 @@ impl CostPosterior {
     /// One model's distribution of the logarithm of a cost.
     fn part_of(&self, model: &Model, one: usize) -> StudentT {
         let prior = model.shared + model.own;
-        let own = model.likeness.as_ref().map_or(0.0, |_| {
-            let mut with_cells = self.with_cells(model, one);
+        let own = model.likeness.as_ref().map_or(0.0, |likeness| {
+            let mut with_cells = self.with_cells(model, likeness, one);
             model.factor.forward(&mut with_cells);
             (prior - dot(&with_cells, &with_cells)).max(0.0)
         });
@@ -330,8 +330,8 @@ impl CostPosterior {
         };
         // The variance of the difference: the prior one, less the part that the measurements explain, plus
         // that of the level.
-        let mut difference = self.with_cells(model, one);
-        difference.iter_mut().zip(self.with_cells(model, other)).for_each(|(a, b)| *a -= b);
+        let mut difference = self.with_cells(model, likeness, one);
+        difference.iter_mut().zip(self.with_cells(model, likeness, other)).for_each(|(a, b)| *a -= b);
         model.factor.forward(&mut difference);
         let prior =
             2.0 * model.shared * (1.0 - likeness[one * self.configurations + other]) + 2.0 * model.own;
@@ -342,15 +342,10 @@ impl CostPosterior {
     }
 
     /// The covariance of a configuration with each cell.
-    fn with_cells(&self, model: &Model, one: usize) -> Vec<f64> {
-        match &model.likeness {
-            Some(likeness) => {
-                let row = &likeness[one * self.configurations..(one + 1) * self.configurations];
-                let own = |cell: usize| if cell == one { model.own } else { 0.0 };
-                model.cells.iter().map(|&cell| model.shared * row[cell] + own(cell)).collect()
-            }
-            None => vec![0.0; model.cells.len()],
-        }
+    fn with_cells(&self, model: &Model, likeness: &[f64], one: usize) -> Vec<f64> {
+        let row = &likeness[one * self.configurations..(one + 1) * self.configurations];
+        let own = |cell: usize| if cell == one { model.own } else { 0.0 };
+        model.cells.iter().map(|&cell| model.shared * row[cell] + own(cell)).collect()
     }
 }
 

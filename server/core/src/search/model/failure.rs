@@ -21,12 +21,6 @@ pub(super) struct RunElsewhere {
 }
 
 impl ModelSearch {
-    /// The features of a run in another state, and whether it failed.
-    fn ran_elsewhere(&self, run: &RunElsewhere) -> (Vec<f64>, bool) {
-        let x = coordinates(&run.x);
-        (self.setup.layout.features(&x, &self.setup.layout.active(&x)), run.failed)
-    }
-
     /// Fits the model of failure: 1 for points that could not be run, 0 for all others. A point that ran at a
     /// cheaper level counts as one that ran.
     pub(super) fn failures(
@@ -38,8 +32,12 @@ impl ModelSearch {
         let places: Vec<&ModelledPoint> =
             places.iter().chain(cheaper.iter().map(|cheaper| &cheaper.place)).collect();
         let label = |failed: bool| f64::from(u8::from(failed));
-        let elsewhere: Vec<(Vec<f64>, bool)> =
-            self.runs_elsewhere.iter().map(|run| self.ran_elsewhere(run)).collect();
+        let layout = &self.setup.layout;
+        let elsewhere = self.runs_elsewhere.iter().map(|run| {
+            let x = coordinates(&run.x);
+            (layout.features(&x, &layout.active(&x)), run.failed)
+        });
+        let elsewhere: Vec<(Vec<f64>, bool)> = elsewhere.collect();
         let mut points: Vec<&[f64]> = places.iter().map(|place| place.features.as_slice()).collect();
         let failed = |place: &&ModelledPoint| label(place.observed == Observed::Infeasible);
         let mut labels: Vec<f64> = places.iter().map(failed).collect();
@@ -49,7 +47,7 @@ impl ModelSearch {
             labels.push(label(*failed));
             counts.push(ELSEWHERE_COUNT);
         }
-        let sample = Sample::new(self.setup.layout.kinds(), &points, counts).prepared();
+        let sample = Sample::new(layout.kinds(), &points, counts).prepared();
         let fit = Process::learn(sample, &[(labels, 0.0)], &mut self.failure, &PRIOR, schedule);
         fit.map(|(process, _)| process)
     }
