@@ -92,7 +92,6 @@ pub struct Machines {
 /// The first machine of a study, to which all others are compared.
 pub(crate) const FIRST: MachineId = MachineId(0);
 
-/// The place of a machine in the list.
 fn index(machine: MachineId) -> usize {
     machine.0 as usize
 }
@@ -245,7 +244,6 @@ impl Machines {
         (!changes.is_empty()).then(|| changes.join(", "))
     }
 
-    /// The statistics of comparisons, machine by machine.
     pub(crate) fn pooling(&self) -> Vec<PoolingStatistics> {
         self.machines.iter().map(|machine| machine.pooling).collect()
     }

@@ -39,7 +39,6 @@ impl Factor {
         dot(self.row(i), &v[..i + 1])
     }
 
-    /// Half the logarithm of the determinant.
     pub(crate) fn half_log_determinant(&self) -> f64 {
         (0..self.size).map(|i| libm::log(self.row(i)[i])).sum()
     }

@@ -18,9 +18,7 @@ pub(crate) struct Hyperparameters {
     /// trend's variance, as shares of the values' variance. A weight is the inverse square of a length; for a
     /// linear feature it is the variance of its coefficient.
     log: Vec<f64>,
-    /// Step sizes of the ascent.
     steps: Vec<f64>,
-    /// Signs of the last gradient.
     signs: Vec<i8>,
 }
 
@@ -30,17 +28,14 @@ pub(crate) struct Prior {
     /// The middle of a length, in roots of the number of features.
     pub(crate) length_mean: f64,
     pub(crate) length_spread: f64,
-    /// Weights stay within this.
     pub(crate) weight_range: [f64; 2],
     /// The middle of the noise's variance, as a share of the values'.
     pub(crate) noise_mean: f64,
     pub(crate) noise_spread: f64,
-    /// The range of the noise's variance.
     pub(crate) noise_range: [f64; 2],
     /// The prior's part in the sum of squares of the values: it equals one more value, so that few or equal
     /// values do not make the variance zero.
     pub(crate) squares: f64,
-    /// The longest step of the ascent.
     pub(crate) step_max: f64,
 }
 
@@ -95,7 +90,6 @@ impl Hyperparameters {
         Self::of(kinds, prior, kinds.len() + 2)
     }
 
-    /// The weight of each feature.
     pub(super) fn weights(&self, dimension: usize) -> Vec<f64> {
         self.log[..dimension].iter().map(|&log| libm::exp(log)).collect()
     }

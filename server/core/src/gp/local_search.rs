@@ -27,7 +27,6 @@ pub(crate) struct Leaders<T> {
 }
 
 impl<T> Leaders<T> {
-    /// Keeps the best `size` candidates.
     pub(crate) fn new(size: usize) -> Self {
         assert!(size > 0, "somebody leads");
         Leaders { size, candidates: Vec::with_capacity(size + 1) }
@@ -41,7 +40,6 @@ impl<T> Leaders<T> {
         }
     }
 
-    /// Takes a candidate in if it is among the best.
     pub(crate) fn offer(&mut self, candidate: ScoredPoint<T>) {
         let place = self.candidates.partition_point(|other| other.score >= candidate.score);
         if place < self.size {
@@ -50,12 +48,10 @@ impl<T> Leaders<T> {
         }
     }
 
-    /// Whether a point is among them.
     pub(crate) fn contains(&self, x: &[f64]) -> bool {
         self.candidates.iter().any(|candidate| candidate.x == x)
     }
 
-    /// The candidates, best first.
     pub(crate) fn into_candidates(self) -> Vec<ScoredPoint<T>> {
         self.candidates
     }
@@ -79,7 +75,6 @@ pub(crate) trait Neighbourhood {
     fn moved(&self, axis: usize, x: f64, radius: f64, random: &mut ChaCha8Rng) -> f64;
 }
 
-/// The changes of a climbing point.
 pub(crate) trait Moves {
     /// Another candidate begins to climb.
     fn begin(&mut self) {}
@@ -87,7 +82,6 @@ pub(crate) trait Moves {
     /// A changed point; `progress` of all changes, from 0 to 1, were tried before.
     fn change(&mut self, x: &[f64], progress: f64) -> Vec<f64>;
 
-    /// Whether the last change was kept.
     fn kept(&mut self, _kept: bool) {}
 }
 
@@ -177,7 +171,6 @@ pub(crate) struct RandomAxes<'a, N> {
     neighbourhood: &'a N,
     radii: Radii,
     random: &'a mut ChaCha8Rng,
-    /// Whether the next change is of two axes.
     two: bool,
 }
 

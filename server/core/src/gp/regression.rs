@@ -31,7 +31,6 @@ pub(crate) struct Process {
     pub(crate) log_likelihood: f64,
 }
 
-/// The posterior of a process at a point.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Posterior {
     /// The expected mean of measurements there.
@@ -40,7 +39,6 @@ pub(crate) struct Posterior {
     pub(crate) deviation: f64,
 }
 
-/// The steps of learning while a process is fitted.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Schedule {
     /// Steps of ascent before the process is made.
@@ -178,7 +176,6 @@ impl Process {
         }
     }
 
-    /// The mean at the point of these covariances.
     pub(crate) fn mean(&self, covariances: &Covariances) -> f64 {
         self.mean + dot(&covariances.others, &self.alpha)
     }
@@ -197,7 +194,6 @@ impl Process {
         (self.variance * covariances.own).sqrt()
     }
 
-    /// The posterior at a point in a context.
     pub(crate) fn at(&self, context: &SharedFeatures, features: &[f64]) -> Posterior {
         let mut covariances = Covariances::default();
         self.covariances(context, features, &mut covariances);
@@ -255,7 +251,6 @@ impl Process {
         if own > VARIANCE_MIN { sum / own } else { 0.0 }
     }
 
-    /// The posterior at a point.
     pub(crate) fn predict(&self, features: &[f64]) -> Posterior {
         self.at(&self.context(&[]), features)
     }

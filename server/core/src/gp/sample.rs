@@ -15,7 +15,6 @@ pub(crate) struct Sample {
     pub(super) counts: Vec<f64>,
     /// Features as the trend sees them, point by point.
     centred: Vec<f64>,
-    /// The linear feature, if there is one.
     pub(super) linear: Option<usize>,
     /// The linear feature and its parts of all points, term by term (see [`linear_terms`]).
     pub(super) terms: Vec<Vec<f64>>,
@@ -62,12 +61,10 @@ impl Sample {
         self.counts.len()
     }
 
-    /// The number of features of a point.
     pub(super) fn dimension(&self) -> usize {
         self.kinds.len()
     }
 
-    /// The number of parts of its linear feature.
     pub(super) fn parts(&self) -> usize {
         self.terms.len().saturating_sub(1)
     }
@@ -76,7 +73,6 @@ impl Sample {
         &self.rows[point * self.dimension()..(point + 1) * self.dimension()]
     }
 
-    /// Features of a point as the trend sees them.
     pub(super) fn centred(&self, point: usize) -> &[f64] {
         &self.centred[point * self.dimension()..(point + 1) * self.dimension()]
     }

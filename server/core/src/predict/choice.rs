@@ -164,13 +164,11 @@ impl Predictors {
         }
     }
 
-    /// Teaches the models of features alone.
     pub(crate) fn learn_features(&mut self, lesson: &Lesson<'_>) {
         let featured = self.singles.iter_mut().filter(|predictor| predictor.has_features());
         featured.for_each(|predictor| predictor.learn(lesson));
     }
 
-    /// Whether there are models of features.
     pub(crate) fn have_features(&self) -> bool {
         self.singles.iter().any(|predictor| predictor.has_features())
     }

@@ -24,7 +24,6 @@ pub(super) enum DeferredUpdate {
         configuration: Configuration,
         cost: f64,
     },
-    /// To move the contextual model's lengths.
     Hyperparameters(HyperparameterUpdate),
 }
 

@@ -17,7 +17,6 @@ const TRUSTED_ERROR: f64 = 0.25;
 /// Fewer tests than this do not separate predictors.
 const TESTS_MIN: u64 = 8;
 
-/// A predictor's estimate of a configuration.
 pub(super) type MethodEstimate = (PredictorMethod, Option<Estimate>);
 
 /// Errors of each predictor, and of the one that answered for `auto` at the time of each test (`Auto`).

@@ -28,11 +28,9 @@ pub use registry::METHODS;
 use state_index::IndexEntry;
 pub use state_index::StateIndex;
 
-/// The inputs of a new predictor.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct PredictorSetup<'a> {
     pub(crate) space: &'a Space,
-    /// The number of indicators of a state.
     pub(crate) indicators: usize,
     /// The study's seed, from which centres and choices are drawn.
     pub(crate) seed: u64,

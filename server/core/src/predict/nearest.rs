@@ -22,7 +22,6 @@ pub struct Nearest;
 /// Number of a state's configurations that stand for those it never ran.
 const RECORDS: usize = 48;
 
-/// A state that can answer, and its distance.
 struct NearState<'a> {
     state: &'a KnownState,
     distance: f64,

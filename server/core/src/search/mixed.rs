@@ -70,7 +70,6 @@ fn frame(slowdown: f64, noise: &mut ChaCha8Rng) -> f64 {
     slowdown * (0.07 * normal).exp() * outlier
 }
 
-/// The result of a run.
 struct Run {
     /// Noise-free slowdown of the configuration that measured best, which the tuner recommends.
     best: f64,

@@ -55,7 +55,6 @@ impl PendingPoints {
         }
     }
 
-    /// Withdraws a point, to be measured in full.
     pub(super) fn withdraw_in_full(&mut self, id: u64) {
         if let Some(point) = self.pending.get_mut(&id) {
             point.level = None;
@@ -63,12 +62,10 @@ impl PendingPoints {
         self.withdraw(id);
     }
 
-    /// Whether a withdrawn point waits to be taken up again.
     pub(super) fn has_withdrawn(&self) -> bool {
         !self.withdrawn.is_empty()
     }
 
-    /// The number of points that were ever added.
     pub(super) fn added(&self) -> u64 {
         self.next_id
     }

@@ -76,7 +76,6 @@ pub(super) struct Row {
     pub(super) beside: Vec<f64>,
 }
 
-/// The means of each configuration.
 pub(super) fn by_configuration(observations: &[Observation]) -> BTreeMap<usize, Row> {
     let mut means: BTreeMap<usize, Row> = BTreeMap::new();
     for one in observations {
@@ -114,7 +113,6 @@ fn least_squares(rows: &[Row], width: usize) -> Option<(Vec<f64>, f64)> {
 }
 
 impl Row {
-    /// Its residual after the slopes.
     fn left(&self, slopes: &[f64]) -> f64 {
         self.log_cost - self.beside.iter().zip(slopes).map(|(x, slope)| slope * x).sum::<f64>()
     }

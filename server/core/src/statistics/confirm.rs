@@ -170,7 +170,6 @@ fn one_sided(sum: f64, v: f64, scale: f64) -> f64 {
     2.0 * value * normal_cdf(sum / width.sqrt())
 }
 
-/// A contender of a race.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 struct Racer {
     /// Logarithms of its costs, one a round.

@@ -42,7 +42,6 @@ const EXPLORED_RUNS_LEAST: f64 = 0.5;
 /// Deviations that are subtracted where an answer has to be surely good.
 const CAREFUL: f64 = -1.0;
 
-/// A state whose measurements are used.
 #[derive(Clone, Debug, PartialEq)]
 struct SourceState {
     /// Its features for the process.
@@ -67,7 +66,6 @@ pub(crate) struct LocalData {
     here: Option<Arc<ResultTable>>,
 }
 
-/// The measurements as a process sees them.
 struct LocalSample<'a> {
     sample: Sample,
     values: Vec<f64>,
@@ -245,7 +243,6 @@ impl LocalData {
         })
     }
 
-    /// The estimate of one configuration.
     pub(crate) fn estimate(
         &self,
         hyper: &Hyperparameters,

@@ -85,7 +85,6 @@ impl FeatureMap {
         indicators.iter().map(|&x| draw_in(x)).chain([machine as f64]).collect()
     }
 
-    /// The features of a point of the unit cube.
     fn features(&self, point: &[f64]) -> Vec<f64> {
         let mut x = point.to_vec();
         let active = self.layout.canonical(&mut x);
@@ -157,14 +156,12 @@ impl FitRequest {
         self.data.answer(self, space, random)
     }
 
-    /// The request beside another rival.
     pub(crate) fn beside(self, rival: Configuration) -> Self {
         FitRequest { rival: self.rival.is_some().then_some(rival), ..self }
     }
 }
 
 impl Contextual {
-    /// A predictor without any lesson.
     pub(crate) fn new(setup: PredictorSetup<'_>) -> Self {
         let PredictorSetup { space, indicators, seed, .. } = setup;
         let features = FeatureMap::of(space, indicators);
@@ -195,7 +192,6 @@ impl Contextual {
         })
     }
 
-    /// The measurements near a state.
     pub(super) fn local_data(&self, query: &Query<'_>) -> LocalData {
         LocalData::new(&self.features, query)
     }

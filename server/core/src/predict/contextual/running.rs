@@ -76,7 +76,6 @@ impl Running {
         Running { model, kinds, ran: Vec::new(), failed: true }
     }
 
-    /// The probability that a point can be run.
     pub(super) fn probability(&self, features: &[f64]) -> f64 {
         match &self.model {
             Some((process, context)) => probability_below(0.5, process.at(context, features), process.noise),

@@ -10,7 +10,6 @@ use crate::limits::CANDIDATES_MAX;
 use crate::predict::Lesson;
 use crate::space::Space;
 
-/// A configuration that ran, and may be chosen.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct CandidateConfiguration {
     #[serde(with = "crate::configuration::unchecked")]

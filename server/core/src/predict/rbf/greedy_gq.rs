@@ -46,7 +46,6 @@ impl Rbf {
         Rbf { basis, theta, candidates: Candidates::default(), tested: 0, miss_2: 0.0 }
     }
 
-    /// An untrained model of a study.
     pub(crate) fn for_study(setup: PredictorSetup<'_>) -> Self {
         Self::new(setup.space.dimension(), setup.indicators, setup.seed, setup.omitted)
     }
@@ -129,12 +128,10 @@ impl Predictor for Rbf {
 
 #[cfg(test)]
 impl Rbf {
-    /// Whether every coefficient is finite.
     pub(in crate::predict) fn is_finite(&self) -> bool {
         self.theta.iter().all(|theta| theta.is_finite()) && self.miss_2.is_finite()
     }
 
-    /// The value of a state and a point.
     pub(in crate::predict) fn value_at(&self, state: &[f64], point: &[f64]) -> f64 {
         self.value(&self.basis.state_2(state), &self.basis.action_2(point), &mut Vec::new())
     }

@@ -26,7 +26,6 @@ pub fn feature_count(parameters: usize, indicators: usize) -> usize {
     (7 * (parameters + indicators)).div_ceil(2)
 }
 
-/// The features of a study.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 struct Basis {
     /// The state's part and the action's part of each centre.

@@ -136,7 +136,6 @@ impl Layout {
         features
     }
 
-    /// The number of axes.
     pub(crate) fn dimension(&self) -> usize {
         self.axes.len()
     }

@@ -49,7 +49,6 @@ const FEASIBLE_WEIGHT: f64 = 2.0;
 const FEASIBLE_WANTED: f64 = 0.7;
 const UNWANTED: f64 = 1e3;
 
-/// A point drawn from the whole cube.
 pub(super) fn anywhere(dimension: usize, random: &mut ChaCha8Rng) -> Vec<f64> {
     (0..dimension).map(|_| random.random()).collect()
 }

@@ -76,7 +76,6 @@ impl ModelSearch {
         }
     }
 
-    /// The next point that did well in other states.
     pub(super) fn next_from_elsewhere(&mut self) -> Option<Vec<f64>> {
         self.leave_doubted();
         let next = self.elsewhere.pop_front()?;

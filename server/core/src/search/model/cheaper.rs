@@ -42,7 +42,6 @@ pub(super) struct CheaperLevels {
     pub(super) runs: Vec<CheaperRun>,
 }
 
-/// A measurement at a cheaper level.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct CheaperRun {
     /// Canonical coordinates, in steps of the grid.

@@ -57,7 +57,6 @@ impl ModelSearch {
         model.filter(|model| model.evidence > plain + TREND_EVIDENCE)
     }
 
-    /// The model of cost in full.
     pub(super) fn costs(
         &self,
         (measured, cheaper): CostData,

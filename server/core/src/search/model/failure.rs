@@ -12,7 +12,6 @@ use crate::gp::{Process, Sample, Schedule};
 /// Weight of a point that failed or ran in another state, in measurements.
 const ELSEWHERE_COUNT: f64 = 0.25;
 
-/// Whether a configuration failed in another state.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct RunElsewhere {
     /// Canonical coordinates, in steps of the grid.

@@ -6,7 +6,6 @@ use super::{GRID, MeasuredPoint, ModelSearch, Observed, coordinates};
 /// Most points that keep the set-up of the point before them, where a client searches alone.
 const SETUP_HELD: usize = 2;
 
-/// An axis that the next point keeps.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct HeldAxis {
     pub(super) axis: usize,
@@ -16,7 +15,6 @@ pub(super) struct HeldAxis {
 }
 
 impl HeldAxis {
-    /// Whether a canonical point has kept it.
     pub(super) fn is_kept(&self, x: &[f64], active: &[bool]) -> bool {
         (x[self.axis] - self.at).abs() < 1.0 / GRID && active[self.axis] == self.is_active
     }

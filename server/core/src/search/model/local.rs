@@ -41,7 +41,6 @@ const CLIMB: usize = 80;
 /// Axes with at least this number of cells count as continuous.
 const CELLS_MIN: u32 = 32;
 
-/// A measurement by its coordinates along the searched axes.
 struct LocalMeasurement {
     x: Vec<f64>,
     cost: f64,

@@ -75,7 +75,6 @@ const GRID: f64 = (1u32 << 24) as f64;
 /// more than a few milliseconds, and the chosen points include the best.
 const FITTED_MAX: usize = 96;
 const FITTED_THEN: usize = 64;
-/// Most points that are kept.
 const KEPT_MAX: usize = 512;
 /// Weight of a pending point, in measurements.
 const PENDING_COUNT: f64 = 20.0;
@@ -96,7 +95,6 @@ const FEASIBLE_ENOUGH: usize = 3;
 const REPEAT_SHARE: f64 = 0.04;
 const REPEATS_MAX: f64 = 5.0;
 
-/// A configuration that was measured.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 struct MeasuredPoint {
     /// Canonical coordinates, in steps of the grid.
@@ -149,7 +147,6 @@ pub struct ModelSearch {
     draws: u64,
     /// Replicates, and the sum of the squares of their relative deviations from the means before.
     scatter: (u64, f64),
-    /// The knowledge of cheaper levels.
     #[serde(default, skip_serializing_if = "is_default")]
     cheaper: CheaperLevels,
     /// The next point, where a copy has planned it. Not stored: it would be planned again.
