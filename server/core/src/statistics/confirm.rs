@@ -110,7 +110,7 @@ impl Pairs {
         let end = |sign: f64| {
             // In steps of `sign`: refuted at `from`, not refuted at `to`.
             let refuted = |m: f64| self.evidence(m, sign) >= 2.0 / error;
-            let (mut from, mut to) = (-sign * LOG_RATIO_MAX, self.mean());
+            let (mut from, mut to) = (-sign * LOG_RATIO_MAX, mean(&self.log_ratios));
             if !refuted(from) {
                 return -sign * f64::INFINITY;
             }
@@ -123,11 +123,6 @@ impl Pairs {
         let (low, high) = (end(1.0), end(-1.0));
         assert!(low <= high, "an interval from {low} to {high}");
         (low, high)
-    }
-
-    /// The mean of the logarithms; 0 of none.
-    pub fn mean(&self) -> f64 {
-        self.log_ratios.iter().sum::<f64>() / self.log_ratios.len().max(1) as f64
     }
 
     /// The typical logarithm, which a few disturbed pairs do not change (Hodges and Lehmann's location); 0 of
@@ -156,6 +151,11 @@ impl Pairs {
     }
 }
 
+/// The mean of some logarithms; 0 of none.
+fn mean(logs: &[f64]) -> f64 {
+    logs.iter().sum::<f64>() / logs.len().max(1) as f64
+}
+
 /// The number of rounds that prove a gain of 2 % where the logarithm of a measurement has the standard
 /// deviation `noise`: at least [`ROUNDS_OF_ALL`], and at most `rounds_max`.
 pub fn rounds_needed(noise: f64, rounds_max: usize) -> usize {
@@ -176,13 +176,6 @@ struct Racer {
     log_costs: Vec<f64>,
     /// It does not run any more: it cannot be run, or cannot win.
     is_out: bool,
-}
-
-impl Racer {
-    /// The mean of the logarithms of its costs; 0 of none.
-    fn mean(&self) -> f64 {
-        self.log_costs.iter().sum::<f64>() / self.log_costs.len().max(1) as f64
-    }
 }
 
 /// The gain of one contender over another, by the rounds of a race alone.
@@ -348,8 +341,8 @@ impl Race {
         }
         let best = match self.contenders[0].is_out {
             true => {
-                let mean = |place: &usize| self.contenders[*place].mean();
-                self.standing().min_by(|a, b| mean(a).total_cmp(&mean(b)))
+                let of = |place: &usize| mean(&self.contenders[*place].log_costs);
+                self.standing().min_by(|a, b| of(a).total_cmp(&of(b)))
             }
             false => {
                 let ahead = self.standing().map(|place| (place, self.pairs(0, place).location()));
@@ -397,7 +390,7 @@ impl Race {
         if !is_over && (standing.len() > 1 || !self.is_proven(standing[0])) {
             return RaceResult::Open;
         }
-        let mean = |place: usize| self.contenders[place].mean();
+        let mean = |place: usize| mean(&self.contenders[place].log_costs);
         let best = standing
             .into_iter()
             .filter(|&place| self.is_proven(place) && !self.contenders[place].log_costs.is_empty());

@@ -66,13 +66,6 @@ pub(crate) struct LocalData {
     here: Option<Arc<ResultTable>>,
 }
 
-struct LocalSample<'a> {
-    sample: Sample,
-    values: Vec<f64>,
-    warping: RobustLog,
-    records: Vec<&'a Record>,
-}
-
 impl LocalData {
     /// Collects the measurements for a query: most of them from the nearest states, and the best of each.
     pub(super) fn new(features: &Arc<FeatureMap>, query: &Query<'_>) -> Self {
@@ -113,8 +106,14 @@ impl LocalData {
         2 * searched > self.sources.iter().map(rows).sum()
     }
 
-    /// The measurements as the process sees them, without those of the source at a place.
-    fn local(&self, space: &Space, left_out: Option<usize>) -> Option<LocalSample<'_>> {
+    /// The process of the measurements without those of the source at a place, the costs as it sees them, and
+    /// the records that it was fitted to.
+    fn fit(
+        &self,
+        hyper: &Hyperparameters,
+        space: &Space,
+        left_out: Option<usize>,
+    ) -> Option<(Process, RobustLog, Vec<&Record>)> {
         let (mut points, mut counts): (Vec<Vec<f64>>, Vec<f64>) = Default::default();
         let (mut records, mut costs) = (Vec::new(), Vec::new());
         let sources = self.sources.iter().enumerate().filter(|(place, _)| Some(*place) != left_out);
@@ -131,7 +130,10 @@ impl LocalData {
         let values = costs.iter().map(|&cost| warping.see(cost)).collect();
         let points: Vec<&[f64]> = points.iter().map(Vec::as_slice).collect();
         let sample = Sample::new(self.features.kinds.clone(), &points, counts);
-        (sample.len() >= ROWS_MIN).then_some(LocalSample { sample, values, warping, records })
+        if sample.len() < ROWS_MIN {
+            return None;
+        }
+        Some((Process::fit(sample, values, hyper, &PRIOR)?, warping, records))
     }
 
     /// Configurations that ran and that failed near by.
@@ -181,9 +183,8 @@ impl LocalData {
         let decides = |source: &SourceState| !is_here(source) && source.rows() >= DECIDING_ROWS;
         let mut deciding = (0..self.sources.len()).filter(|place| decides(&self.sources[*place]));
         deciding.all(|place| {
-            let local = self.local(space, Some(place));
-            let process = local.and_then(|local| Process::fit(local.sample, local.values, hyper, &PRIOR));
-            process.is_some_and(|process| {
+            let fit = self.fit(hyper, space, Some(place));
+            fit.is_some_and(|(process, ..)| {
                 process.difference(&process.context(&self.state), own, other).mean < 0.0
             })
         })
@@ -198,8 +199,7 @@ impl LocalData {
         space: &Space,
         random: &mut ChaCha8Rng,
     ) -> Option<Answer> {
-        let local = self.local(space, None)?;
-        let process = Process::fit(local.sample, local.values, hyper, &PRIOR)?;
+        let (process, warping, records) = self.fit(hyper, space, None)?;
         let context = process.context(&self.state);
         let running = self.running(space);
         let layout = &self.features.layout;
@@ -232,13 +232,13 @@ impl LocalData {
         let ways = [*optimism, CAREFUL];
         let (x, belief) = ways.into_iter().take(1 + usize::from(rival.is_some())).find_map(|optimism| {
             let lowest = LowestBound { process: &process, layout, context: &context, optimism };
-            let known = local.records.iter().map(|record| space.encode(&record.configuration));
+            let known = records.iter().map(|record| space.encode(&record.configuration));
             lowest.search(known, random, excludes).filter(|(x, _)| is_worth(x))
         })?;
         let variance = belief.deviation * belief.deviation + process.noise;
         Some(Answer {
             configuration: space.decode(&x),
-            expected: estimate(&local.warping, belief.mean, variance),
+            expected: estimate(&warping, belief.mean, variance),
             neighbours: neighbours.clone(),
         })
     }
@@ -249,12 +249,11 @@ impl LocalData {
         space: &Space,
         configuration: &Configuration,
     ) -> Option<Estimate> {
-        let local = self.local(space, None)?;
-        let process = Process::fit(local.sample, local.values, hyper, &PRIOR)?;
+        let (process, warping, _) = self.fit(hyper, space, None)?;
         let context = process.context(&self.state);
         let belief = process.at(&context, &self.features.features(&space.encode(configuration)));
         let variance = belief.deviation * belief.deviation + process.noise;
-        Some(estimate(&local.warping, belief.mean, variance))
+        Some(estimate(&warping, belief.mean, variance))
     }
 }
 

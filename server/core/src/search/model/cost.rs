@@ -82,12 +82,11 @@ impl ModelSearch {
         let censored = |place: &ModelledPoint| matches!(place.observed, Observed::AtLeast(_));
         if !cheaper.is_empty() || measured.iter().any(|place| censored(place)) {
             let values = &mut views[view].0;
+            let level_of = |index: usize| Some(cheaper.get(index.checked_sub(measured.len())?)?.level);
             for level in 0..self.cheaper.shares.len() {
-                let is_of = |point: Option<&CheaperPoint>| point.is_some_and(|point| point.level == level);
-                let of =
-                    |index: usize| index.checked_sub(measured.len()).and_then(|index| cheaper.get(index));
-                let shift = process.shift_of(|index| is_of(of(index)));
-                let values = values.iter_mut().enumerate().filter(|(index, _)| is_of(of(*index)));
+                let is_of = |index: usize| level_of(index) == Some(level);
+                let shift = process.shift_of(is_of);
+                let values = values.iter_mut().enumerate().filter(|(index, _)| is_of(*index));
                 values.for_each(|(_, value)| *value -= shift);
             }
             for (value, place) in values.iter_mut().zip(measured).filter(|(_, place)| censored(place)) {
