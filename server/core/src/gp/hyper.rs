@@ -50,11 +50,6 @@ const LINEAR_MEAN: f64 = 1.0;
 const LINEAR_SPREAD: f64 = 2.0;
 
 impl Prior {
-    /// The logarithm of the weight in the middle.
-    fn weight_mean(&self, dimension: usize) -> f64 {
-        -2.0 * libm::log(self.length_mean) - libm::log(dimension.max(1) as f64)
-    }
-
     /// Middle, spread and range of the logarithm of a hyperparameter.
     fn of(&self, index: usize, kinds: &[FeatureKind]) -> (f64, f64, [f64; 2]) {
         match index.checked_sub(kinds.len()) {
@@ -62,7 +57,10 @@ impl Prior {
                 (libm::log(LINEAR_MEAN), LINEAR_SPREAD, self.weight_range)
             }
             // A weight is the inverse square of a length.
-            None => (self.weight_mean(kinds.len()), 2.0 * self.length_spread, self.weight_range),
+            None => {
+                let mean = -2.0 * libm::log(self.length_mean) - libm::log(kinds.len() as f64);
+                (mean, 2.0 * self.length_spread, self.weight_range)
+            }
             Some(0) => (libm::log(self.noise_mean), self.noise_spread, self.noise_range),
             Some(_) => (libm::log(TREND_MEAN), TREND_SPREAD, TREND_RANGE),
         }

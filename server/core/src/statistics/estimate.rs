@@ -135,12 +135,7 @@ pub struct ConfigurationSample {
 }
 
 impl ConfigurationSample {
-    /// Weighed mean of the logarithms of its costs.
-    pub fn mean(&self) -> f64 {
-        moments_of(&self.measurements).0
-    }
-
-    /// The weighed sum of their squared deviations from the mean.
+    /// The weighed sum of squared deviations of the logarithms of its costs from their mean.
     pub fn scatter(&self) -> f64 {
         moments_of(&self.measurements).2
     }

@@ -75,15 +75,10 @@ impl Acquisition<'_> {
 
     /// The weight of an improvement, as a logarithm, by the probability that it can be run.
     pub(super) fn log_feasible(&self, features: &[f64]) -> f64 {
-        let runs = self.feasible(features);
-        FEASIBLE_WEIGHT * libm::log(runs) - if runs < FEASIBLE_WANTED { UNWANTED } else { 0.0 }
-    }
-
-    /// The probability that a point can be run.
-    pub(super) fn feasible(&self, features: &[f64]) -> f64 {
-        self.failure.map_or(1.0, |failure| {
+        let runs = self.failure.map_or(1.0, |failure| {
             probability_below(0.5, failure.predict(features), failure.noise).max(FEASIBLE_MIN)
-        })
+        });
+        FEASIBLE_WEIGHT * libm::log(runs) - if runs < FEASIBLE_WANTED { UNWANTED } else { 0.0 }
     }
 
     /// The best point to measure that is not `taken`, with the axes that are `held` where there is one.

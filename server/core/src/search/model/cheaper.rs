@@ -23,7 +23,7 @@ use super::{FITTED_THEN, ModelSearch, ModelledPoint, Observed, coordinates, step
 use crate::gp::acquisition::log_expected_improvement;
 use crate::gp::{Posterior, Process};
 use crate::limits::{CHEAPER_RUNS_MAX, REWARD_COST_MIN};
-use crate::search::{Feedback, Point, Search, Verdict};
+use crate::search::{Feedback, Search, Verdict};
 
 /// The most that is spent at cheaper levels between two full measurements, in full ones. It bounds the loss
 /// by a level that says nothing, until that is known. The design, which runs at the cheapest level as a
@@ -36,7 +36,7 @@ pub(super) struct CheaperLevels {
     /// The cost of a measurement at each level, as a share of a full one.
     pub(super) shares: Vec<f64>,
     /// Whether the client that asks measures at them.
-    is_open: bool,
+    pub(super) is_open: bool,
     /// The cost of all measurements there since the last full one, in full ones.
     pub(super) spent: f64,
     pub(super) runs: Vec<CheaperRun>,
@@ -59,13 +59,6 @@ pub(super) struct CheaperPoint {
     pub(super) count: f64,
 }
 
-impl CheaperLevels {
-    /// The level of a point for the client that asks: in full where it measures at none.
-    pub(super) fn if_open(&self, level: Option<u32>) -> Option<u32> {
-        level.filter(|_| self.is_open)
-    }
-}
-
 impl ModelSearch {
     /// Takes over the levels at which the client that asks measures; none where there are none.
     pub(super) fn open(&mut self, shares: &[f64]) {
@@ -77,11 +70,6 @@ impl ModelSearch {
             self.setup.layout.cheaper = shares.len();
             self.begin_models();
         }
-    }
-
-    /// The oldest withdrawn point once more; in full where the client that asks measures at no level.
-    pub(super) fn resumed(&mut self) -> Option<Point> {
-        if self.cheaper.is_open { self.pending.resume() } else { self.pending.resume_in_full() }
     }
 
     /// The next level at which nothing was measured yet. The best so far is: it ties the level to full costs.
@@ -238,7 +226,7 @@ impl ModelSearch {
 mod tests {
     use super::super::PlannedPoint;
     use super::*;
-    use crate::search::{SearchSetup, Step};
+    use crate::search::{Point, SearchSetup, Step};
 
     const SHARES: [f64; 2] = [0.1, 0.4];
 

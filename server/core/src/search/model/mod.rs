@@ -220,7 +220,7 @@ impl ModelSearch {
         } else {
             coordinates(&grid)
         };
-        self.pending.add_at(x, step, self.cheaper.if_open(level))
+        self.pending.add_at(x, step, level.filter(|_| self.cheaper.is_open))
     }
 
     /// Canonical coordinates of a point in steps of the grid, and its features.
@@ -384,8 +384,11 @@ fn steps(x: &[f64]) -> Vec<u32> {
 impl Search for ModelSearch {
     fn ask(&mut self) -> Option<Point> {
         let planned = self.planned.take();
-        if let Some(point) = self.resumed() {
-            return Some(point);
+        // In full where the client that asks measures at no level.
+        let is_open = self.cheaper.is_open;
+        let resumed = if is_open { self.pending.resume() } else { self.pending.resume_in_full() };
+        if resumed.is_some() {
+            return resumed;
         }
         // The best point from elsewhere comes first, then the default, by which states are compared, then the
         // others.
