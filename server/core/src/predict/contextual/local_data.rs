@@ -12,7 +12,7 @@ use crate::gp::warping::RobustLog;
 use crate::gp::{Hyperparameters, Process, Sample, acquisition};
 use crate::matrix::dot;
 use crate::predict::contextual::lowest::LowestBound;
-use crate::predict::contextual::running::{Running, Runs};
+use crate::predict::contextual::running::Running;
 use crate::predict::contextual::{FeatureMap, FitRequest, PRIOR};
 use crate::predict::{Answer, Estimate, Query, RUNS_LEAST, WORTH};
 use crate::results::{KnownState, Record, ResultTable};
@@ -138,8 +138,7 @@ impl LocalData {
 
     /// Configurations that ran and that failed near by.
     fn running(&self, space: &Space) -> Running {
-        let mut runs = Runs::default();
-        let mut failures = FAILURES_MAX;
+        let (mut runs, mut failures) = (Vec::new(), FAILURES_MAX);
         for source in &self.sources {
             let failing = source.results.records().iter().filter(|record| record.fails()).take(failures);
             let ran = source.records();
@@ -147,12 +146,10 @@ impl LocalData {
                 let features = self.features.features(&space.encode(&record.configuration));
                 assert!(failures > 0 || !record.fails(), "no more failures are taken");
                 failures -= usize::from(record.fails());
-                runs.points.push([&source.state[..], &features].concat());
-                runs.failed.push(record.fails());
-                runs.counts.push(source.trust);
+                runs.push(([&source.state[..], &features].concat(), record.fails(), source.trust));
             }
         }
-        Running::of(&self.features, runs, &self.state)
+        Running::of(&self.features, &runs, &self.state)
     }
 
     /// Whether a configuration ran in the nearest state that tried it, and in two states between which the

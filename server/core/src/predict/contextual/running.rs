@@ -28,13 +28,8 @@ const PRIOR: Prior = Prior {
     step_max: 1.0,
 };
 
-/// The successes and failures near by, as points of a process.
-#[derive(Debug, Default)]
-pub(super) struct Runs {
-    pub(super) points: Vec<Vec<f64>>,
-    pub(super) failed: Vec<bool>,
-    pub(super) counts: Vec<f64>,
-}
+/// A point of the process that was tried near by, whether it failed, and its weight.
+pub(super) type NearRun = (Vec<f64>, bool, f64);
 
 /// The belief about points in one state.
 pub(super) struct Running {
@@ -48,22 +43,21 @@ pub(super) struct Running {
 
 impl Running {
     /// Fits the process where anything failed. `state` are the features that all asked points share.
-    pub(super) fn of(features: &FeatureMap, runs: Runs, state: &[f64]) -> Self {
-        let Runs { points, failed, counts } = runs;
-        assert!(points.len() == failed.len() && counts.len() == failed.len(), "{} points", failed.len());
+    pub(super) fn of(features: &FeatureMap, runs: &[NearRun], state: &[f64]) -> Self {
         // The first feature of every axis. The others say again which of some numbers it is.
         let mut kinds = features.layout.kinds();
         kinds.truncate(features.layout.dimension());
-        let runs = points.iter().zip(&failed).filter(|(_, failed)| !**failed);
-        let mut ran: Vec<Vec<f64>> = runs.map(|(point, _)| point[state.len()..].to_vec()).collect();
-        if ran.len() == failed.len() {
+        let ran = runs.iter().filter(|(_, failed, _)| !failed);
+        let mut ran: Vec<Vec<f64>> = ran.map(|(point, ..)| point[state.len()..].to_vec()).collect();
+        if ran.len() == runs.len() {
             // That one configuration runs in many states says little of others.
             ran.sort_by(|a, b| a.partial_cmp(b).unwrap_or(Ordering::Equal));
             ran.dedup();
             return Running { model: None, kinds, ran, failed: false };
         }
-        let labels: Vec<f64> = failed.iter().map(|&failed| f64::from(u8::from(failed))).collect();
-        let points: Vec<&[f64]> = points.iter().map(Vec::as_slice).collect();
+        let labels: Vec<f64> = runs.iter().map(|(_, failed, _)| f64::from(u8::from(*failed))).collect();
+        let points: Vec<&[f64]> = runs.iter().map(|(point, ..)| point.as_slice()).collect();
+        let counts = runs.iter().map(|(.., count)| *count).collect();
         let sample = Sample::new(features.kinds.clone(), &points, counts).prepared();
         let mut hyper = Hyperparameters::new(&features.kinds, &PRIOR);
         let schedule = Schedule { steps: STEPS, ahead: false };
@@ -122,13 +116,12 @@ mod tests {
 
     /// The belief after each of these points of the cube ran in some states.
     fn after(features: &FeatureMap, ran: &[[f64; 3]], states: usize) -> Running {
-        let mut runs = Runs::default();
+        let mut runs = Vec::new();
         for (point, state) in ran.iter().flat_map(|point| (0..states).map(move |state| (point, state))) {
-            runs.points.push([&[state as f64, 0.0][..], &features.features(point)[..]].concat());
-            runs.failed.push(false);
-            runs.counts.push(1.0);
+            let point = [&[state as f64, 0.0][..], &features.features(point)[..]].concat();
+            runs.push((point, false, 1.0));
         }
-        Running::of(features, runs, &[0.5, 0.0])
+        Running::of(features, &runs, &[0.5, 0.0])
     }
 
     #[test]

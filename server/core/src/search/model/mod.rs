@@ -49,7 +49,6 @@ mod doubt;
 mod failure;
 mod held;
 mod local;
-mod observed;
 
 use std::collections::VecDeque;
 
@@ -67,7 +66,6 @@ pub use ahead::PlannedPoint;
 use cheaper::CheaperLevels;
 use failure::RunElsewhere;
 use local::Near;
-use observed::Observed;
 
 /// Steps of a canonical coordinate that are distinguished.
 const GRID: f64 = (1u32 << 24) as f64;
@@ -104,6 +102,37 @@ struct MeasuredPoint {
     /// The share of a usual measurement that each of its own does not count for.
     #[serde(default, skip_serializing_if = "is_default")]
     lacks: f64,
+}
+
+/// The measurements of a point, as observations of its cost.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+enum Observed {
+    /// Mean of `count` measurements.
+    Cost {
+        mean: f64,
+        count: u32,
+    },
+    AtLeast(f64),
+    Infeasible,
+}
+
+impl Observed {
+    /// A bound counts as a cost; what cannot be run costs infinitely much.
+    fn cost(self) -> f64 {
+        match self {
+            Observed::Cost { mean, .. } => mean,
+            Observed::AtLeast(bound) => bound,
+            Observed::Infeasible => f64::INFINITY,
+        }
+    }
+
+    fn count(self) -> f64 {
+        match self {
+            Observed::Cost { count, .. } => f64::from(count),
+            _ => 1.0,
+        }
+    }
 }
 
 /// The search. See the head of this module.
