@@ -99,7 +99,7 @@ fn index(machine: MachineId) -> usize {
 impl Machines {
     /// The place of a machine, if it has a state.
     pub fn find(&self, fingerprint: Option<&Fingerprint>) -> Option<MachineId> {
-        self.current.get(&exact(fingerprint)).copied()
+        self.current.get(&number(fingerprint, EXACT)).copied()
     }
 
     /// Notes that a machine founds a state. Returns its place, and that of the machine that it displaced, if
@@ -108,7 +108,7 @@ impl Machines {
         self.founded += 1;
         if let Some(place) = self.find(fingerprint) {
             let known = &mut self.machines[index(place)];
-            assert_eq!(known.exact, exact(fingerprint), "machine {place:?} is another one");
+            assert_eq!(known.exact, number(fingerprint, EXACT), "machine {place:?} is another one");
             assert!(known.latest < self.founded, "{} comes after {}", self.founded, known.latest);
             known.latest = self.founded;
             return (place, None);
@@ -120,7 +120,7 @@ impl Machines {
             self.current.remove(&self.machines[index(place)].exact);
         }
         let place = MachineId(self.machines.len() as u64);
-        let (exact, group, hardware) = (exact(fingerprint), group(fingerprint), hardware(fingerprint));
+        let [exact, group, hardware] = [EXACT, GROUP, HARDWARE].map(|parts| number(fingerprint, parts));
         self.current.insert(exact, place);
         self.machines.push(Machine {
             exact,
@@ -255,41 +255,25 @@ impl Machines {
     }
 }
 
-/// A number for the texts. Their lengths separate them.
-fn number<'a>(texts: impl IntoIterator<Item = &'a str>) -> u64 {
+/// The parts of a fingerprint that count beside the processor: instruction set and threads, and the software.
+const EXACT: [bool; 2] = [true, true];
+const GROUP: [bool; 2] = [false, true];
+const HARDWARE: [bool; 2] = [true, false];
+
+/// A number for parts of a fingerprint, which their lengths separate. 0 where there is none, or one that says
+/// nothing: an import sends such a one.
+fn number(fingerprint: Option<&Fingerprint>, [hardware, software]: [bool; 2]) -> u64 {
+    let Some(said) = fingerprint.filter(|said| **said != Fingerprint::default()) else { return 0 };
+    let threads = said.threads.to_string();
+    let mut texts = vec![said.cpu_model.as_str()];
+    if hardware {
+        texts.extend([said.isa.as_str(), threads.as_str()]);
+    }
+    if software {
+        texts.extend(said.software.iter().flat_map(|(name, version)| [name.as_str(), version.as_str()]));
+    }
     let joined: String = texts.into_iter().map(|text| format!("{}:{text}", text.len())).collect();
     fnv::hash(joined.bytes())
-}
-
-fn software(fingerprint: &Fingerprint) -> impl Iterator<Item = &str> {
-    fingerprint.software.iter().flat_map(|(name, version)| [name.as_str(), version.as_str()])
-}
-
-/// A number of a fingerprint; 0 where there is none, or one that says nothing. An import sends such a one.
-fn of_said(fingerprint: Option<&Fingerprint>, hash: impl FnOnce(&Fingerprint) -> u64) -> u64 {
-    fingerprint.filter(|said| **said != Fingerprint::default()).map_or(0, hash)
-}
-
-/// Processor, instruction set, threads and software.
-fn exact(fingerprint: Option<&Fingerprint>) -> u64 {
-    of_said(fingerprint, |fingerprint| {
-        let Fingerprint { cpu_model, isa, threads, .. } = fingerprint;
-        number([cpu_model, isa, threads.to_string().as_str()].into_iter().chain(software(fingerprint)))
-    })
-}
-
-/// Processor and software.
-fn group(fingerprint: Option<&Fingerprint>) -> u64 {
-    of_said(fingerprint, |fingerprint| {
-        number([fingerprint.cpu_model.as_str()].into_iter().chain(software(fingerprint)))
-    })
-}
-
-/// Processor, instruction set and threads.
-fn hardware(fingerprint: Option<&Fingerprint>) -> u64 {
-    of_said(fingerprint, |Fingerprint { cpu_model, isa, threads, .. }| {
-        number([cpu_model, isa, threads.to_string().as_str()])
-    })
 }
 
 #[cfg(test)]
