@@ -122,14 +122,9 @@ impl Machines {
         let place = MachineId(self.machines.len() as u64);
         let [exact, group, hardware] = [EXACT, GROUP, HARDWARE].map(|parts| number(fingerprint, parts));
         self.current.insert(exact, place);
-        self.machines.push(Machine {
-            exact,
-            group,
-            hardware,
-            fingerprint: fingerprint.cloned(),
-            latest: self.founded,
-            pooling: PoolingStatistics::default(),
-        });
+        let (fingerprint, latest, pooling) =
+            (fingerprint.cloned(), self.founded, PoolingStatistics::default());
+        self.machines.push(Machine { exact, group, hardware, fingerprint, latest, pooling });
         assert!(self.current.len() <= MACHINES_MAX, "{} machines at a time", self.current.len());
         (place, displaced)
     }

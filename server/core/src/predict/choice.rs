@@ -75,13 +75,6 @@ impl Predictors {
         })
     }
 
-    fn contextual_mut(&mut self) -> Option<&mut Contextual> {
-        self.singles.iter_mut().find_map(|predictor| match predictor {
-            AnyPredictor::Contextual(contextual) => Some(contextual),
-            _ => None,
-        })
-    }
-
     /// Notes the inputs of each predictor's error on a measured cost; the error itself is computed later. To
     /// be called before the trial is learnt, and before the table of its state holds it.
     pub fn test(&mut self, query: &Query<'_>, configuration: &Configuration, cost: f64) {
@@ -141,8 +134,10 @@ impl Predictors {
         }
         self.deferred.drain(..same);
         self.tallies = tallies;
-        if let (Some(model), Some(hyper)) = (self.contextual_mut(), hyper) {
-            model.hyper = hyper;
+        for single in &mut self.singles {
+            if let (AnyPredictor::Contextual(model), Some(hyper)) = (single, &hyper) {
+                model.hyper = hyper.clone();
+            }
         }
     }
 

@@ -143,11 +143,8 @@ impl Predictor for Nearest {
             candidate.state.results.best().map(|best| cost(candidate.state, best))
         };
         costs.extend(candidates.iter().skip(1).filter_map(best));
-        Some(Answer {
-            configuration: record.configuration.clone(),
-            expected: first_word(&costs)?,
-            neighbours: listed(query, &candidates),
-        })
+        let (configuration, expected) = (record.configuration.clone(), first_word(&costs)?);
+        Some(Answer { configuration, expected, neighbours: listed(query, &candidates) })
     }
 }
 

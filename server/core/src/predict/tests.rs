@@ -71,14 +71,8 @@ impl World {
         let machine = self.machine(node);
         let place = self.states.iter().position(|known| known.anchor == state).unwrap_or_else(|| {
             let id = StateId(self.states.len() as u64 + 1);
-            let founded = KnownState {
-                id,
-                anchor: state.to_vec(),
-                machine,
-                explored: true,
-                results: Default::default(),
-            };
-            self.states.push(founded);
+            let (anchor, results) = (state.to_vec(), Default::default());
+            self.states.push(KnownState { id, anchor, machine, explored: true, results });
             self.states.len() - 1
         });
         if let (Some(cost), Outcome::Ok) = (cost, &outcome) {
@@ -105,15 +99,9 @@ impl World {
         self.state_index.note(&self.states[place]);
         let default = self.states[place].results.record(self.space.default_ref());
         let default_cost = default.filter(|record| record.measurements > 0).map(|record| record.mean_cost);
-        let point = self.space.encode(&configuration);
-        self.predictors.learn(&Lesson {
-            state,
-            configuration: &configuration,
-            point: &point,
-            verdict,
-            default_cost,
-            machine: self.machines.number(machine),
-        });
+        let (configuration, machine) = (&configuration, self.machines.number(machine));
+        let point = &self.space.encode(configuration)[..];
+        self.predictors.learn(&Lesson { state, configuration, point, verdict, default_cost, machine });
     }
 
     pub(super) fn measure(&mut self, state: &[f64], point: &[f64], cost: f64) {

@@ -233,11 +233,8 @@ impl LocalData {
             lowest.search(known, random, excludes).filter(|(x, _)| is_worth(x))
         })?;
         let variance = belief.deviation * belief.deviation + process.noise;
-        Some(Answer {
-            configuration: space.decode(&x),
-            expected: estimate(&warping, belief.mean, variance),
-            neighbours: neighbours.clone(),
-        })
+        let expected = estimate(&warping, belief.mean, variance);
+        Some(Answer { configuration: space.decode(&x), expected, neighbours: neighbours.clone() })
     }
 
     pub(crate) fn estimate(

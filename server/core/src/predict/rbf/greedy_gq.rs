@@ -118,11 +118,8 @@ impl Predictor for Rbf {
             }
         }
         let (candidate, value) = best?;
-        Some(Answer {
-            configuration: candidate.configuration.clone(),
-            expected: self.expected(value)?,
-            neighbours: neighbours(query),
-        })
+        let (configuration, expected) = (candidate.configuration.clone(), self.expected(value)?);
+        Some(Answer { configuration, expected, neighbours: neighbours(query) })
     }
 }
 

@@ -146,12 +146,9 @@ impl ModelSearch {
             self.seen.iter().any(|seen| seen.x == grid)
         };
         let only = points.iter().map(|point| &point.place).filter(|place| !in_full(place));
-        let estimated = |place: &ModelledPoint| EstimatedPoint {
-            x: place.x.clone(),
-            believed: cost.map_or(0.0, |cost| cost.predict(&place.features).mean),
-            in_full: false,
-        };
-        only.map(estimated).collect()
+        let believed = |place: &ModelledPoint| cost.map_or(0.0, |cost| cost.predict(&place.features).mean);
+        let points = only.map(|place| (place.x.clone(), believed(place)));
+        points.map(|(x, believed)| EstimatedPoint { x, believed, in_full: false }).collect()
     }
 
     /// The level at which a point is worth most for its cost; `None` for in full. `known` are all

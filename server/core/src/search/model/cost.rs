@@ -117,12 +117,8 @@ pub(super) fn known(measured: &[&ModelledPoint], cost: Option<&Process>) -> Vec<
         (Some(cost), _) => cost.predict(&place.features).mean,
         (None, _) => 0.0,
     };
-    let estimated = |place: &&ModelledPoint| EstimatedPoint {
-        x: place.x.clone(),
-        believed: believed(place),
-        in_full: true,
-    };
-    measured.iter().map(estimated).collect()
+    let points = measured.iter().map(|place| (place.x.clone(), believed(place)));
+    points.map(|(x, believed)| EstimatedPoint { x, believed, in_full: true }).collect()
 }
 
 #[cfg(test)]
