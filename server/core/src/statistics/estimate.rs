@@ -60,29 +60,23 @@ struct Drift {
 /// equal results. Rough models have no small ratios, because differences as small as the noise do not stand
 /// out, and they have fewer lengths. With a higher prior probability they would believe more luck on flat or
 /// smooth landscapes. On rough ones even a small prior is soon overruled.
-const FAMILIES: [Family; 2] = [
-    Family {
-        probability: 0.72,
-        roughness: 0.0,
-        lengths: &[0.15, 0.4, 1.0, 2.5, 6.0],
-        ratios: &[0.1, 0.4, 2.0, 10.0, 60.0, 400.0, 4000.0],
-    },
-    Family {
-        probability: 0.08,
-        roughness: 0.2,
-        lengths: &[0.4, 2.5],
-        ratios: &[2.0, 10.0, 60.0, 400.0, 4000.0],
-    },
-];
+const FAMILIES: [Family; 2] = [SMOOTH, ROUGH];
+const SMOOTH: Family = Family {
+    probability: 0.72,
+    roughness: 0.0,
+    lengths: &[0.15, 0.4, 1.0, 2.5, 6.0],
+    ratios: &[0.1, 0.4, 2.0, 10.0, 60.0, 400.0, 4000.0],
+};
+const ROUGH: Family = Family {
+    probability: 0.08,
+    roughness: 0.2,
+    lengths: &[0.4, 2.5],
+    ratios: &[2.0, 10.0, 60.0, 400.0, 4000.0],
+};
 /// The families on a machine whose speed wanders: fewer models, since each has several drifts.
 const FAMILIES_DRIFTING: [Family; 2] = [
-    Family {
-        probability: 0.72,
-        roughness: 0.0,
-        lengths: &[0.4, 1.5, 6.0],
-        ratios: &[0.4, 2.0, 10.0, 60.0, 400.0],
-    },
-    Family { probability: 0.08, roughness: 0.2, lengths: &[0.4, 2.5], ratios: &[10.0, 60.0, 400.0] },
+    Family { lengths: &[0.4, 1.5, 6.0], ratios: &[0.4, 2.0, 10.0, 60.0, 400.0], ..SMOOTH },
+    Family { ratios: &[10.0, 60.0, 400.0], ..ROUGH },
 ];
 /// A machine that is restless from trial to trial, and one that is so from minute to minute.
 const DRIFTS: [Drift; 2] = [Drift { variance: 3.0, trials: 8.0 }, Drift { variance: 10.0, trials: 20.0 }];
