@@ -50,6 +50,18 @@ const LINEAR_MEAN: f64 = 1.0;
 const LINEAR_SPREAD: f64 = 2.0;
 
 impl Prior {
+    /// One that hardly holds anything back: for few measurements in many dimensions.
+    pub(crate) const WEAK: Prior = Prior {
+        length_mean: 0.5,
+        length_spread: 1.0,
+        weight_range: [1e-6, 1e6],
+        noise_mean: 0.02,
+        noise_spread: 1.5,
+        noise_range: [1e-6, 4.0],
+        squares: 1e-3,
+        step_max: 1.0,
+    };
+
     /// Middle, spread and range of the logarithm of a hyperparameter.
     fn of(&self, index: usize, kinds: &[FeatureKind]) -> (f64, f64, [f64; 2]) {
         match index.checked_sub(kinds.len()) {

@@ -14,16 +14,7 @@ use super::{Hyperparameters, Prior};
 use crate::randomness::standard_normal;
 
 /// A prior that hardly holds anything back.
-const PRIOR: Prior = Prior {
-    length_mean: 0.5,
-    length_spread: 1.0,
-    weight_range: [1e-6, 1e6],
-    noise_mean: 0.05,
-    noise_spread: 1.5,
-    noise_range: [1e-6, 4.0],
-    squares: 1e-3,
-    step_max: 1.0,
-};
+const PRIOR: Prior = Prior { noise_mean: 0.05, ..Prior::WEAK };
 
 /// Every kind of feature, the linear one last, as a guided search has them.
 const KINDS: [FeatureKind; 5] = [

@@ -17,16 +17,7 @@ use crate::predict::runs_after;
 /// Steps of ascent of the process' likelihood.
 const STEPS: usize = 10;
 /// Limits of feasibility are sharp. Their relevant features differ from study to study.
-const PRIOR: Prior = Prior {
-    length_mean: 0.5,
-    length_spread: 1.0,
-    weight_range: [1e-6, 1e6],
-    noise_mean: 0.01,
-    noise_spread: 1.0,
-    noise_range: [1e-6, 0.25],
-    squares: 1e-3,
-    step_max: 1.0,
-};
+const PRIOR: Prior = Prior { noise_mean: 0.01, noise_spread: 1.0, noise_range: [1e-6, 0.25], ..Prior::WEAK };
 
 /// A point of the process that was tried near by, whether it failed, and its weight.
 pub(super) type NearRun = (Vec<f64>, bool, f64);

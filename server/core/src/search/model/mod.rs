@@ -77,16 +77,7 @@ const KEPT_MAX: usize = 512;
 /// Weight of a pending point, in measurements.
 const PENDING_COUNT: f64 = 20.0;
 /// The prior of all models of the search, for few measurements in many dimensions.
-const PRIOR: Prior = Prior {
-    length_mean: 0.5,
-    length_spread: 1.0,
-    weight_range: [0.0, f64::INFINITY],
-    noise_mean: 0.02,
-    noise_spread: 1.5,
-    noise_range: [1e-6, 4.0],
-    squares: 1e-3,
-    step_max: 1.0,
-};
+const PRIOR: Prior = Prior { weight_range: [0.0, f64::INFINITY], ..Prior::WEAK };
 /// Number of runnable points that suffice to leave a mostly infeasible design.
 const FEASIBLE_ENOUGH: usize = 3;
 /// The greatest share of repeats of the best among the measurements, and the most measurements of one point.
