@@ -90,16 +90,9 @@ fn every_page_stands_in_the_summary() {
 fn every_link_leads_somewhere() {
     let top = workspace();
     let mut files = pages();
-    let outside = [
-        "README.md",
-        "ARCHITECTURE.md",
-        "CONTRIBUTING.md",
-        "CHANGELOG.md",
-        "integrations/README.md",
-        "integrations/probe/README.md",
-        "tests/peers/README.md",
-    ];
-    files.extend(outside.map(|name| top.join(name)));
+    let outside = "README.md ARCHITECTURE.md CONTRIBUTING.md CHANGELOG.md integrations/README.md \
+                   integrations/probe/README.md tests/peers/README.md";
+    files.extend(outside.split(' ').map(|name| top.join(name)));
     let mut dead = Vec::new();
     for file in files {
         let text = read(&file);

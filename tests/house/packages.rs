@@ -78,16 +78,8 @@ fn packages_hold_what_they_are_built_from() {
 fn libraries_can_be_packaged() {
     let folder = std::env::temp_dir().join(format!("treewright-packages-{}", std::process::id()));
     let target = folder.to_str().expect("text");
-    let mut arguments = vec![
-        "package",
-        "--no-verify",
-        "--allow-dirty",
-        "--offline",
-        "--locked",
-        "--quiet",
-        "--target-dir",
-        target,
-    ];
+    let options = "package --no-verify --allow-dirty --offline --locked --quiet --target-dir";
+    let mut arguments: Vec<&str> = options.split(' ').chain([target]).collect();
     let libraries = ["model", "proto", "client", "core", "figures", "cli", "indicators"];
     let libraries = libraries.map(|name| format!("treewright-{name}"));
     arguments.extend(libraries.iter().flat_map(|name| ["-p", name.as_str()]));
