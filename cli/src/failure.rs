@@ -37,7 +37,6 @@ pub(crate) enum Failure {
     Unfinished {
         /// The text to print of the results so far.
         found: String,
-        /// The failure that ended it.
         cause: Box<Failure>,
     },
     /// The result cannot be put into JSON.
@@ -46,7 +45,6 @@ pub(crate) enum Failure {
 }
 
 impl Failure {
-    /// A file that is not as it should be.
     pub(crate) fn file(path: &Path, problem: impl Into<String>) -> Self {
         Self::File { path: path.to_owned(), problem: problem.into() }
     }

@@ -9,7 +9,6 @@ use crate::show::figure;
 /// Counts trials and keeps the best.
 pub(crate) struct Progress {
     most: Option<u32>,
-    /// The name of the objective.
     objective: String,
     done: u32,
     first: Option<f64>,

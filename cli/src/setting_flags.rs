@@ -5,7 +5,6 @@ use clap::error::ErrorKind;
 use clap::{Arg, ArgMatches, Args, Command, Error, FromArgMatches};
 use treewright_client::{Policy, PolicyField};
 
-/// The policy that the flags set.
 #[derive(Debug, Default)]
 pub(crate) struct SettingFlags(pub(crate) Policy);
 

@@ -52,7 +52,6 @@ impl StudyContext {
         again
     }
 
-    /// The name by which the daemon is asked.
     pub(crate) fn asked_name(&self) -> Arc<str> {
         Arc::clone(&lock(&self.identified))
     }

@@ -115,7 +115,6 @@ impl Workers {
 }
 
 impl Worker {
-    /// Whether it is one of that study's.
     pub(crate) fn is_of(&self, study: &str) -> bool {
         *self.study == *study
     }

@@ -105,7 +105,6 @@ async fn clients_outlive_killed_daemons_and_a_restarted_database() {
     }
 }
 
-/// The trials of a study that are completed.
 async fn completed(client: &Client, study: &str) -> BTreeSet<String> {
     let mut trials = client.trials(study, TrialQuery::all().filter("state = COMPLETED"));
     let mut names = BTreeSet::new();

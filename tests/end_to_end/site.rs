@@ -53,7 +53,6 @@ impl Site {
         self.daemon.url()
     }
 
-    /// A file of the folder.
     pub(crate) fn file(&self, name: &str) -> PathBuf {
         self.folder.path().join(name)
     }
@@ -100,7 +99,6 @@ pub(crate) fn json(output: &Output) -> Value {
     serde_json::from_str(&stdout(output)).expect("JSON")
 }
 
-/// The trials of a study that match.
 pub(crate) fn trials(url: &str, study: &str, filter: &str) -> Vec<Value> {
     let all = ask(url, &["trials", study, "--all", "--filter", filter]);
     all.as_array().expect("a list of trials").clone()

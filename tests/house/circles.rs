@@ -145,7 +145,6 @@ fn needs(root: &str) -> BTreeMap<Module, BTreeSet<Module>> {
     needs.collect()
 }
 
-/// Everything that can be reached from a module.
 fn reached(from: &Module, needs: &BTreeMap<Module, BTreeSet<Module>>) -> BTreeSet<Module> {
     let (mut reached, mut open) = (BTreeSet::new(), vec![from]);
     while let Some(module) = open.pop() {

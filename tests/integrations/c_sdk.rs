@@ -35,7 +35,6 @@ fn functions(text: &str, mark: &str) -> BTreeMap<String, usize> {
     found
 }
 
-/// A text without its comments.
 fn without_comments(text: &str) -> String {
     let mut parts = text.split("/*");
     let mut kept = parts.next().unwrap_or_default().to_owned();

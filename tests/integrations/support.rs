@@ -29,7 +29,6 @@ pub(crate) fn built() -> PathBuf {
     program("libtreewright.so").parent().expect("a folder").to_path_buf()
 }
 
-/// A file of `integrations/`.
 pub(crate) fn file(path: &str) -> PathBuf {
     workspace().join("integrations").join(path)
 }

@@ -45,7 +45,6 @@ fn output(error: csv::Error) -> Failure {
     Failure::Output(std::io::Error::other(error))
 }
 
-/// Reads trials of a study from a table with a header.
 pub(crate) fn read(path: &Path, spec: &StudySpec) -> Result<Vec<CarriedTrial>> {
     let file = std::fs::File::open(path).map_err(|error| Failure::file(path, error.to_string()))?;
     let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();

@@ -19,7 +19,6 @@ pub(crate) struct Header {
     treewright_export: u32,
     /// The name of the database.
     pub(crate) site: String,
-    /// The study that was tuned.
     pub(crate) study: StudyFile,
 }
 

@@ -152,7 +152,6 @@ pub(crate) struct Importer<'a> {
     client: &'a Client,
     study: &'a str,
     spec: &'a StudySpec,
-    /// The revision of the space of `spec`.
     space_revision: u32,
     /// The name of this database.
     site: String,

@@ -51,7 +51,6 @@ impl From<&Value> for TrialCell {
     }
 }
 
-/// Reads a trial's cell of a column.
 type Read = Box<dyn Fn(&TrialRecord) -> Option<TrialCell>>;
 
 /// A column of a table that is written.
@@ -75,7 +74,6 @@ impl TrialColumn {
     }
 }
 
-/// The columns of a table of these trials.
 pub(super) fn columns(spec: &StudySpec, trials: &[TrialRecord], site: &str) -> Vec<TrialColumn> {
     let mut columns = fixed(site.to_owned(), spec.objective.view());
     columns.extend(spec.space.parameters().iter().map(|parameter| {

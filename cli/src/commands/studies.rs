@@ -131,7 +131,6 @@ fn clone(client: &Client, copy: &CloneStudy) -> Result<Tally> {
     })
 }
 
-/// Changes the texts for people of a study.
 fn edit_texts(client: &Client, change: &EditStudy, json: bool) -> Result<String> {
     let texts = TextChange {
         display_name: change.display_name.clone(),

@@ -18,7 +18,6 @@ const FIRST_PAUSE: Duration = Duration::from_millis(50);
 const LONGEST_PAUSE: Duration = Duration::from_secs(1);
 const LOOK: Duration = Duration::from_millis(50);
 
-/// A client with patience.
 pub(super) struct PatientClient<'a> {
     pub(super) client: &'a Client,
     /// Longest time for which one call is repeated.

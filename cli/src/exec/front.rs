@@ -91,7 +91,6 @@ impl Session<'_> {
         Ok(None)
     }
 
-    /// A run with its cost in the direction that it is for.
     pub(super) fn with_cost(&self, trial: &TrialRecord, ran: Run) -> Run {
         match (&self.front, ran) {
             (Some(history), Run::Done(measured, left_out)) => match history.with_cost(trial, measured) {
@@ -128,7 +127,6 @@ impl Session<'_> {
 }
 
 impl Summary {
-    /// Takes the front that was found.
     pub(super) fn found(&mut self, history: &FrontHistory, default: &Configuration) {
         let runs = history.trials().iter().filter_map(TrialRecord::measured_run);
         let front = history.front().of(runs, default, None);

@@ -22,7 +22,6 @@ use crate::progress;
 
 /// Bytes that are kept of each stream that the program writes to; the beginning is dropped.
 const KEPT_BYTES: usize = 64 << 10;
-/// Bytes that are read at once.
 const READ_BYTES: usize = 64 << 10;
 /// Interval at which a running program is checked against its limits. Its end is noticed at once.
 const LOOK: Duration = Duration::from_millis(100);

@@ -27,7 +27,6 @@ pub(super) struct Summary {
     pub(super) infeasible: u64,
     /// The number that failed otherwise.
     pub(super) failed: u64,
-    /// Why it ended.
     pub(super) end: &'static str,
     /// The error, if that is why.
     #[serde(skip_serializing_if = "Option::is_none")]

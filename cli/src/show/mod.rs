@@ -96,7 +96,6 @@ fn tags(study: &StudyRecord) -> String {
     study.tags.iter().cloned().collect::<Vec<_>>().join(", ")
 }
 
-/// The texts of a study for people.
 pub(crate) fn texts(study: &StudyRecord) -> String {
     let mut text = String::new();
     line(&mut text, &format!("{}  {}", study.name, study.display_name));
@@ -203,7 +202,6 @@ pub(crate) fn trials(trials: &[TrialRecord], limit: usize, is_by_number: bool, v
     table.trim_fmt() + &more
 }
 
-/// One trial with its reason.
 pub(crate) fn trial(trial: &TrialRecord, view: &CostView) -> String {
     let mut text = String::new();
     line(&mut text, &format!("{}  {} {}", trial.name, trial.mode, trial.state));

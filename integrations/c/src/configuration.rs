@@ -30,7 +30,6 @@ impl Configuration {
         Self { values, texts, json, notes: Default::default() }
     }
 
-    /// An answer with its notes.
     pub(crate) fn noted(values: treewright_client::Configuration, notes: [&str; 3]) -> Self {
         Self { notes: notes.map(c_text), ..Self::new(values) }
     }

@@ -14,7 +14,6 @@ use crate::error::{Failure, c_text};
 use crate::spec::Spec;
 use crate::study::Study;
 
-/// A front as JSON.
 #[derive(Debug)]
 pub(crate) struct Front(CString);
 
@@ -24,7 +23,6 @@ impl Front {
     }
 }
 
-/// The runs of a front.
 #[derive(Debug)]
 pub(crate) struct FrontRuns(Arc<FrontLoop>);
 

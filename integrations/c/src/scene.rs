@@ -139,7 +139,6 @@ exports! {
     }
 }
 
-/// The names of [`SCHEMA`] as C has them.
 static NAMES: LazyLock<Vec<CString>> = LazyLock::new(|| SCHEMA.iter().map(|one| c_text(one.name)).collect());
 
 #[cfg(test)]

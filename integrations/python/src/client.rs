@@ -39,7 +39,6 @@ fn words(field: &str, value: &Bound<'_, PyAny>) -> PyResult<String> {
     Ok(if field == "pinned" { text } else { text.to_lowercase() })
 }
 
-/// A policy by its fields as they are written.
 pub(crate) fn policy_of(fields: Named<Bound<'_, PyAny>>) -> PyResult<Policy> {
     let mut policy = Policy::new();
     for (field, value) in fields.0 {
@@ -49,7 +48,6 @@ pub(crate) fn policy_of(fields: Named<Bound<'_, PyAny>>) -> PyResult<Policy> {
 }
 
 impl Client {
-    /// The client of the SDK.
     pub(crate) fn inner(&self) -> &blocking::Client {
         &self.0
     }

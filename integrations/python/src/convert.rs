@@ -11,7 +11,6 @@ use crate::error::Invalid;
 /// Values by name, from a dictionary or another mapping, in the order of the names.
 pub(crate) struct Named<T>(pub(crate) BTreeMap<String, T>);
 
-/// A mapping of names to numbers.
 pub(crate) type Numbers = Named<f64>;
 
 impl<T> Default for Named<T> {

@@ -15,7 +15,6 @@ create_exception!(treewright, Invalid, TreewrightError, "An argument is wrong; n
 create_exception!(treewright, Unreachable, TreewrightError, "No daemon answered in time; later one may.");
 create_exception!(treewright, Refused, TreewrightError, "The daemon will not do it.");
 
-/// The exception for an error.
 pub(crate) fn raised(error: ClientError) -> PyErr {
     let words = error.to_string();
     match error {

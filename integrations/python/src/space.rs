@@ -169,7 +169,6 @@ pub(crate) enum Range {
 }
 
 impl Range {
-    /// The range and its scale.
     pub(crate) fn read(self) -> PyResult<(RangeInclusive<f64>, Scale)> {
         let (min, max, scale) = match self {
             Range::Linear((min, max)) => (min, max, "linear".to_owned()),

@@ -11,7 +11,6 @@ use treewright_store::Store as _;
 use crate::durable::{Durable, now};
 use crate::requests::{Answer, Request, client_name};
 
-/// Counts by their names.
 macro_rules! counts {
     ($($name:ident,)*) => {
         /// Counts of events.
@@ -87,7 +86,6 @@ pub(crate) struct Ledger {
     purses: BTreeMap<u32, Purse>,
 }
 
-/// The number of a trial from its name.
 fn number(name: &str) -> u64 {
     name.rsplit('/').next().and_then(|number| number.parse().ok()).unwrap_or(0)
 }
@@ -273,7 +271,6 @@ impl Ledger {
         }
     }
 
-    /// A client reads a trial.
     fn read(&mut self, at_ms: i64, trial: &wire::Trial) {
         if trial.state == wire::TrialState::Completed as i32
             && let Some(cost) = self.acknowledged.get(&number(&trial.name))

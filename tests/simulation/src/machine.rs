@@ -47,7 +47,6 @@ impl Machine {
         self.alive.load(Ordering::SeqCst)
     }
 
-    /// Doubts who holds a study.
     pub(crate) fn doubt(&self, study: &str) {
         self.disk.doubt(study);
     }

@@ -16,7 +16,6 @@ use treewright_server::tuning::{Reported, Tuning};
 
 use crate::plan::{Bug, Plan};
 
-/// The one study of a world.
 pub(crate) const STUDY: &str = "studies/world";
 
 #[derive(Clone, Debug)]
@@ -36,7 +35,6 @@ pub(crate) enum Request {
 }
 
 impl Request {
-    /// The trial that it is about.
     pub(crate) fn trial(&self) -> Option<&str> {
         match self {
             Request::Report(report) | Request::Frame(report, _) => Some(&report.trial),
@@ -79,7 +77,6 @@ pub(crate) async fn answer(
     (answer, redirect)
 }
 
-/// Answers a request that has one answer.
 async fn single(service: &impl TuningService, request: Request) -> Result<Answer, Status> {
     let inner = |response: Response<wire::Trial>| Answer::Trial(Box::new(response.into_inner()));
     Ok(match request {
@@ -177,7 +174,6 @@ pub(crate) fn study(plan: &Plan) -> wire::Study {
     }
 }
 
-/// A report of a cost.
 pub(crate) fn report(trial: &str, render_ms: f64, aborted: bool) -> wire::ReportRequest {
     let kind = if aborted {
         outcome::Kind::Aborted(wire::Aborted { lower_bound: render_ms })

@@ -147,12 +147,10 @@ impl World {
         share > 0.0 && self.random() < share
     }
 
-    /// True once in `times` times.
     pub(crate) fn one_in(&self, times: u32) -> bool {
         self.random() * f64::from(times) < 1.0
     }
 
-    /// A whole number below a bound.
     pub(crate) fn below(&self, bound: u64) -> u64 {
         (self.random() * bound as f64) as u64
     }

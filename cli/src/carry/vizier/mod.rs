@@ -71,7 +71,6 @@ async fn read_study(path: &Path, name: &str) -> Result<Foreign, String> {
 }
 
 struct StoredStudy {
-    /// Its whole name.
     name: String,
     bytes: Vec<u8>,
     owner: String,
