@@ -5,7 +5,7 @@ use std::mem::MaybeUninit;
 use treewright_client::blocking;
 
 use crate::configuration::from_json;
-use crate::edge::{ErrorOut, Text, free, guard, need, put};
+use crate::edge::{ErrorOut, Text, guard, need, put};
 use crate::error::Failure;
 use crate::options::{Options, milliseconds};
 use crate::spec::Spec;
@@ -22,9 +22,7 @@ exports! {
         Ok(Client(blocking::Client::connect(url.read("the daemon's address")?, options)?))
     }
 
-    fn tw_client_free(client: Option<Box<Client>>) {
-        free(client);
-    }
+    fn tw_client_free(client: Client);
 
     fn tw_client_ping(client: Option<&Client>, ms: Option<&mut MaybeUninit<f64>>; error) -> bool {
         let took = need(client, "client")?.0.ping()?;

@@ -104,7 +104,5 @@ exports! {
         Ok(Configuration::new(from_json(json.read("the configuration")?)?))
     }
 
-    fn tw_configuration_free(configuration: Option<Box<Configuration>>) {
-        drop(configuration);
-    }
+    fn tw_configuration_free(configuration: Configuration);
 }

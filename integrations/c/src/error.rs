@@ -89,7 +89,5 @@ exports! {
         error.map_or(c"".as_ptr(), |error| error.message.as_ptr())
     }
 
-    fn tw_error_free(error: Option<Box<Failure>>) {
-        drop(error);
-    }
+    fn tw_error_free(error: Failure);
 }

@@ -9,7 +9,7 @@ use treewright_client::{
 
 use crate::client::Client;
 use crate::configuration::Configuration;
-use crate::edge::{Array, ErrorOut, Number, Text, free, guard, measurements, need};
+use crate::edge::{Array, ErrorOut, Number, Text, guard, measurements, need};
 use crate::error::{Failure, c_text};
 use crate::spec::Spec;
 use crate::study::Study;
@@ -64,9 +64,7 @@ exports! {
         front.map_or(c"{}".as_ptr(), |front| front.0.as_ptr())
     }
 
-    fn tw_front_free(front: Option<Box<Front>>) {
-        free(front);
-    }
+    fn tw_front_free(front: Front);
 
     fn tw_client_front_runs(
         client: Option<&Client>, id: Text, spec: Option<&Spec>, metrics: Array<Text>, count: usize,
@@ -91,9 +89,7 @@ exports! {
         Ok(Front::new(&need(runs, "loop of the front")?.0.found()))
     }
 
-    fn tw_front_runs_free(runs: Option<Box<FrontRuns>>) {
-        free(runs);
-    }
+    fn tw_front_runs_free(runs: FrontRuns);
 
     fn tw_front_run_configuration(run: Option<&FrontRun>) -> Option<&Configuration> {
         run.map(|run| &run.configuration)

@@ -10,14 +10,22 @@
 //! - No panic leaves the library ([`edge::guard`]).
 //! - `unsafe` code stands in [`edge`], where pointers from C become slices and text.
 
-/// Exports functions to C, of three kinds:
+/// Exports functions to C, of four kinds:
 ///
 /// - `fn name(arguments; error) -> answer` puts a failure of its body, or a panic, where C said last; see
 ///   [`edge::Answer`].
 /// - `fn name(mut draft: Draft, arguments)` changes an [`edge::Draft`] and keeps a mistake for later.
+/// - `fn name(handle: Type);` drops what C gives back.
 /// - All others are exported as they are.
 macro_rules! exports {
     () => {};
+    (fn $name:ident($handle:ident: $kind:ty); $($rest:tt)*) => {
+        #[unsafe(no_mangle)]
+        pub(crate) extern "C" fn $name($handle: Option<Box<$kind>>) {
+            $crate::edge::free($handle);
+        }
+        exports! { $($rest)* }
+    };
     (fn $name:ident(mut $draft:ident: $kind:ty $(, $argument:ident: $type:ty)*) $body:block $($rest:tt)*) => {
         #[unsafe(no_mangle)]
         pub(crate) extern "C" fn $name($draft: Option<&mut $kind>, $($argument: $type),*) {

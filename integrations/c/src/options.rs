@@ -50,9 +50,7 @@ exports! {
         guard(ErrorOut::nowhere(), || Ok(Box::default()))
     }
 
-    fn tw_options_free(options: Option<Box<Options>>) {
-        drop(options);
-    }
+    fn tw_options_free(options: Options);
 
     fn tw_options_client_id(mut options: Options, client_id: Text) {
         options.options.client_id = client_id.words("the client id")?.to_owned();

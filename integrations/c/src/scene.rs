@@ -107,9 +107,7 @@ exports! {
         Ok(Scene(all.finish(other_lights)))
     }
 
-    fn tw_scene_free(scene: Option<Box<Scene>>) {
-        drop(scene);
-    }
+    fn tw_scene_free(scene: Scene);
 
     fn tw_scene_indicators(
         scene: Option<&Scene>, camera: Option<&Camera>,

@@ -116,9 +116,7 @@ exports! {
         guard(ErrorOut::nowhere(), || Ok(Box::default()))
     }
 
-    fn tw_spec_free(spec: Option<Box<Spec>>) {
-        drop(spec);
-    }
+    fn tw_spec_free(spec: Spec);
 
     fn tw_spec_integer(mut spec: Spec, name: Text, min: i64, max: i64, default: i64, scale: i32) {
         let domain = Domain::Integer { min, max, scale: scale_of(scale)? };

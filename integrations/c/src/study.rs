@@ -6,7 +6,7 @@ use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
 use treewright_client::{ConfirmationStage, Finished, Outcome, blocking};
 
 use crate::configuration::{Configuration, from_json};
-use crate::edge::{Array, ErrorOut, Number, Text, free, guard, indicators, need, put, store};
+use crate::edge::{Array, ErrorOut, Number, Text, guard, indicators, need, put, store};
 use crate::suggestion::Suggestion;
 
 /// A study. May be used by several threads at once.
@@ -44,9 +44,7 @@ impl Tuner {
 }
 
 exports! {
-    fn tw_study_free(study: Option<Box<Study>>) {
-        free(study);
-    }
+    fn tw_study_free(study: Study);
 
     fn tw_study_suggest(
         study: Option<&Study>, numbers: Array<Number>, count: usize; error
@@ -164,9 +162,7 @@ exports! {
         Ok(Tuner::new(&need(study, "study")?.0))
     }
 
-    fn tw_tuner_free(tuner: Option<Box<Tuner>>) {
-        free(tuner);
-    }
+    fn tw_tuner_free(tuner: Tuner);
 
     fn tw_tuner_next(
         tuner: Option<&Tuner>, numbers: Array<Number>, count: usize; error

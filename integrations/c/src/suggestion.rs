@@ -5,7 +5,7 @@ use std::ffi::{CString, c_char};
 use treewright_client::{Measurements, Outcome, Source};
 
 use crate::configuration::Configuration;
-use crate::edge::{Array, Number, Text, free, measurements, need};
+use crate::edge::{Array, Number, Text, measurements, need};
 use crate::error::{Failure, c_text};
 
 /// A suggestion. Used by one thread at a time.
@@ -123,7 +123,5 @@ exports! {
         end(suggestion, (Array::none(), 0), reason.read("the reason").map(Outcome::failed))
     }
 
-    fn tw_suggestion_free(suggestion: Option<Box<Suggestion>>) {
-        free(suggestion);
-    }
+    fn tw_suggestion_free(suggestion: Suggestion);
 }
