@@ -11,7 +11,7 @@ use tonic::Code;
 use treewright_proto::v1 as pb;
 
 use crate::guard::until;
-use crate::lockouts::frame;
+use crate::lockouts::{frame, frames};
 use crate::site::Site;
 use crate::wire;
 
@@ -79,17 +79,10 @@ async fn who_opens_streams_only_to_reset_them_is_cut_off() {
     let end = connection.read_to_end(&mut answer);
     let timed_out = end.as_ref().is_err_and(|error| error.kind() == std::io::ErrorKind::WouldBlock);
     assert!(!timed_out, "the connection stays open");
-    let mut rest = answer.as_slice();
-    let mut reason = None;
-    while rest.len() >= 9 {
-        let length = usize::from(rest[0]) << 16 | usize::from(rest[1]) << 8 | usize::from(rest[2]);
-        if rest[3] == GOAWAY {
-            reason = rest.get(13..17).map(<[u8]>::to_vec);
-        }
-        rest = rest.get(9 + length..).unwrap_or_default();
-    }
+    let farewell = frames(&answer).into_iter().rfind(|(kind, _)| *kind == GOAWAY);
+    let reason = farewell.and_then(|(_, payload)| payload.get(4..8));
     // A reset of the connection may swallow the reason, a polite end does not.
-    assert!(end.is_err() || reason.as_deref() == Some(&ENHANCE_YOUR_CALM), "{reason:?} {end:?}");
+    assert!(end.is_err() || reason == Some(&ENHANCE_YOUR_CALM[..]), "{reason:?} {end:?}");
 
     let mut other = wire::connect(site.url()).await;
     wire::create(&mut other, "calm").await;

@@ -226,7 +226,7 @@ pub(crate) fn answers_over(socket: &Path, authority: &str) -> bool {
     // `grpc-status: 0` comes in the trailers, `application/grpc` in the head, both in Huffman code or not.
     // Only an answer has a frame of data with a message, a refusal has none.
     let has_message =
-        |answer: &[u8]| kinds(answer).iter().any(|(kind, length)| *kind == DATA && *length >= 5);
+        |answer: &[u8]| frames(answer).iter().any(|(kind, payload)| *kind == DATA && payload.len() >= 5);
     while let Ok(count) = stream.read(&mut buffer) {
         answer.extend_from_slice(&buffer[..count]);
         if count == 0 || has_message(&answer) {
@@ -236,13 +236,14 @@ pub(crate) fn answers_over(socket: &Path, authority: &str) -> bool {
     has_message(&answer)
 }
 
-/// The kinds and lengths of frames.
-fn kinds(mut bytes: &[u8]) -> Vec<(u8, usize)> {
-    let mut kinds = Vec::new();
+/// The kinds and payloads of frames; the last may be cut off.
+pub(crate) fn frames(mut bytes: &[u8]) -> Vec<(u8, &[u8])> {
+    let mut frames = Vec::new();
     while let [a, b, c, kind, ..] = *bytes {
         let length = usize::from(a) << 16 | usize::from(b) << 8 | usize::from(c);
-        kinds.push((kind, length));
-        bytes = bytes.get(9 + length..).unwrap_or_default();
+        let end = bytes.len().min(9 + length);
+        frames.push((kind, bytes.get(9..end).unwrap_or_default()));
+        bytes = &bytes[end..];
     }
-    kinds
+    frames
 }

@@ -40,8 +40,8 @@ fn a_name_means_one_type_in_a_crate() {
     assert_eq!(declared(all).collect::<Vec<_>>(), ["A", "B", "C"]);
     let mut problems = Vec::new();
     // Each experiment of the laboratory has words of its own.
-    for root in CRATES.iter().filter(|root| **root != "lab/src") {
-        let forms = FORMS.iter().find(|(of, _)| of == root).map_or(&[][..], |(_, names)| names);
+    for root in CRATES.split(' ').filter(|root| *root != "lab/src") {
+        let forms = FORMS.iter().find(|(of, _)| *of == root).map_or(&[][..], |(_, names)| names);
         let mut places: BTreeMap<String, Vec<String>> = BTreeMap::new();
         let is_of = |path: &str| {
             let below = path.strip_prefix(root).is_some_and(|below| below.starts_with('/'));

@@ -55,11 +55,6 @@ impl Job<'_> {
         let default = present.spec()?.space.default_configuration().into();
         Ok((FrontHistory::new(front, known, planned(exec, &self.study.policy)), default))
     }
-
-    fn next_in(&self, direction: usize, history: &FrontHistory) -> Result<TrialRecord> {
-        let question = history.question(direction, self.question(None));
-        self.daemon.ask(|client| client.ask(&self.study.identified_name(), &question))
-    }
 }
 
 impl Session<'_> {
@@ -81,7 +76,8 @@ impl Session<'_> {
             return Ok((!is_over).then_some(trial));
         };
         while let Some(direction) = history.next_direction() {
-            let trial = job.next_in(direction, history)?;
+            let question = history.question(direction, job.question(None));
+            let trial = job.daemon.ask(|client| client.ask(&job.study.identified_name(), &question))?;
             if !is_over(&trial) {
                 return Ok(Some(trial));
             }

@@ -132,10 +132,12 @@ pub(crate) fn run(service: &Service, exec: &Exec, json: bool) -> Result<String, 
     let mut session_policy = SessionPolicy { epsilon: Some(1.0), ..SessionPolicy::default() };
     let room = study.policy.trials_per_state.unwrap_or_default();
     session_policy.trials_per_state = exec.trials.filter(|&trials| trials > room);
+    // One for each process, so that several may tune at once.
+    let own_name = || format!("exec@{}-{}", crate::files::host(), std::process::id());
     let job = Job {
         daemon,
         fidelities: front.is_none() && (!exec.fidelities.is_empty() || template.has_level()),
-        client_id: exec.client.clone().unwrap_or_else(default_client),
+        client_id: exec.client.clone().unwrap_or_else(own_name),
         indicators: exec.indicators(),
         default: spec.space.default_configuration().into(),
         study,
@@ -551,11 +553,6 @@ pub(crate) fn quoted(word: &str) -> String {
     } else {
         format!("'{}'", word.replace('\'', r"'\''"))
     }
-}
-
-/// One for each process, so that several may tune at once.
-fn default_client() -> String {
-    format!("exec@{}-{}", crate::files::host(), std::process::id())
 }
 
 #[cfg(test)]

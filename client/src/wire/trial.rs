@@ -6,7 +6,7 @@ use treewright_proto::convert::{
 use treewright_proto::v1;
 
 use super::{Problem, insight, time_from_wire, usable_configuration, word};
-use crate::{Best, Indicators, Neighbour, OpenEnum, Outcome, Prediction, Reason, TrialRecord};
+use crate::{Best, Indicators, Neighbour, OpenEnum, Prediction, Reason, TrialRecord};
 
 pub(crate) fn trial_from_wire(trial: v1::Trial) -> Result<TrialRecord, Problem> {
     if trial.name.is_empty() {
@@ -27,7 +27,9 @@ pub(crate) fn trial_from_wire(trial: v1::Trial) -> Result<TrialRecord, Problem> 
         measurements: trial.measurements.into_iter().collect(),
         standard_errors: trial.standard_errors.into_iter().collect(),
         cost: trial.cost,
-        outcome: trial.outcome.map(open_outcome),
+        outcome: trial
+            .outcome
+            .map(|outcome| outcome_from_wire(outcome).map_or(OpenEnum::Unrecognised(0), OpenEnum::Known)),
         late: trial.late,
         create_time: time_from_wire(trial.create_time),
         complete_time: time_from_wire(trial.complete_time),
@@ -77,10 +79,6 @@ fn reason_from_wire(reason: Option<v1::Reason>) -> Reason {
         neighbours: reason.neighbours.into_iter().map(neighbour).collect(),
         explanation: reason.explanation.map(insight::explanation_from_wire).unwrap_or_default(),
     }
-}
-
-fn open_outcome(outcome: v1::Outcome) -> OpenEnum<Outcome> {
-    outcome_from_wire(outcome).map_or(OpenEnum::Unrecognised(0), OpenEnum::Known)
 }
 
 #[cfg(test)]

@@ -48,12 +48,7 @@ fn row<'py>(python: Python<'py>, record: &TrialRecord) -> PyResult<Bound<'py, Py
     Ok(row)
 }
 
-fn ended(outcome: &OpenEnum<Outcome>) -> &'static str {
-    match outcome.as_known() {
-        Some(Outcome::Ok) => "ok",
-        Some(Outcome::Infeasible { .. }) => "infeasible",
-        Some(Outcome::Aborted { .. }) => "aborted",
-        Some(Outcome::Failed { .. }) => "failed",
-        None => "unrecognised",
-    }
+fn ended(outcome: &OpenEnum<Outcome>) -> String {
+    let word = outcome.as_known().map(|outcome| outcome.kind().to_string().to_lowercase());
+    word.unwrap_or_else(|| "unrecognised".to_owned())
 }

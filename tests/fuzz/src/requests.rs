@@ -67,22 +67,10 @@ macro_rules! rpcs {
 }
 
 rpcs! {
-    CreateStudy: create_study,
-    GetStudy: get_study,
-    ListStudies: list_studies,
-    UpdateStudy: update_study,
-    DeleteStudy: delete_study,
-    Suggest: suggest,
-    Report: report,
-    Predict: predict,
-    AbandonTrial: abandon_trial,
-    ExtendLease: extend_lease,
-    QueryTrials: query_trials,
-    GetBest: get_best,
-    GetTrial: get_trial,
-    RenameStudy: rename_study,
-    ChangeSpace: change_space,
-    ExcludeTrial: exclude_trial,
+    CreateStudy: create_study, GetStudy: get_study, ListStudies: list_studies, UpdateStudy: update_study,
+    DeleteStudy: delete_study, Suggest: suggest, Report: report, Predict: predict,
+    AbandonTrial: abandon_trial, ExtendLease: extend_lease, QueryTrials: query_trials, GetBest: get_best,
+    GetTrial: get_trial, RenameStudy: rename_study, ChangeSpace: change_space, ExcludeTrial: exclude_trial,
 }
 
 /// Sends a request: a byte that says which, and its message.

@@ -30,30 +30,10 @@ macro_rules! counts {
 }
 
 counts! {
-    suggestions,
-    acknowledged_reports,
-    duplicate_reports,
-    late_reports,
-    refusals,
-    crashes,
-    torn_writes,
-    failed_writes,
-    full_disks,
-    lost_messages,
-    duplicated_messages,
-    partitions,
-    clock_jumps,
-    client_restarts,
-    vanished_clients,
-    absences,
-    sleeps,
-    unsure_writes,
-    forwarded_messages,
-    checkpoints,
-    removed_trials,
-    explored_frames,
-    frames,
-    replays,
+    suggestions, acknowledged_reports, duplicate_reports, late_reports, refusals, crashes, torn_writes,
+    failed_writes, full_disks, lost_messages, duplicated_messages, partitions, clock_jumps, client_restarts,
+    vanished_clients, absences, sleeps, unsure_writes, forwarded_messages, checkpoints, removed_trials,
+    explored_frames, frames, replays,
 }
 
 /// Something that should not be.
