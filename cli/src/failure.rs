@@ -58,12 +58,7 @@ impl Failure {
             | Self::Client(ClientError::BadUrl { .. } | ClientError::Invalid { .. }) => 2,
             Self::Client(error) if error.is_unreachable() => 3,
             Self::Client(ClientError::NoLocalDaemon { .. }) => 3,
-            Self::Client(_)
-            | Self::File { .. }
-            | Self::Program(_)
-            | Self::Data(_)
-            | Self::Output(_)
-            | Self::Json(_) => 1,
+            _ => 1,
         })
     }
 }

@@ -15,6 +15,7 @@ use treewright_client::{MeasurementLimit, Measurements, ObjectiveTerm};
 const QUOTED_CHARACTERS: usize = 60;
 /// Most printed names that are shown where a metric is missing.
 const NAMES_SHOWN: usize = 8;
+const NAMES_ARE: &str = "names are a-z, 0-9 and _, beginning with a letter";
 
 /// The measurements in the last JSON object of an output.
 #[derive(Clone, Debug, PartialEq)]
@@ -38,34 +39,13 @@ pub enum Printed {
 pub struct LeftOut {
     /// As printed, shortened where it is long.
     pub name: String,
-    /// The reason.
-    pub why: WhyLeftOut,
-}
-
-/// Why a number is left out.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum WhyLeftOut {
-    /// The service spells names otherwise.
-    Name,
-    /// It is below 0.
-    Negative,
-    /// It is NaN or infinite.
-    NotFinite,
-    /// There are more than a report holds.
-    TooMany,
+    /// The reason, in words.
+    pub why: String,
 }
 
 impl fmt::Display for LeftOut {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let name = &self.name;
-        match self.why {
-            WhyLeftOut::Name => write!(f, "{name} (names are a-z, 0-9 and _, beginning with a letter)"),
-            WhyLeftOut::Negative => write!(f, "{name} (below 0)"),
-            WhyLeftOut::NotFinite => write!(f, "{name} (not a finite number)"),
-            WhyLeftOut::TooMany => {
-                write!(f, "{name} (a run has {} measurements at most)", Measurements::MOST)
-            }
-        }
+        write!(f, "{} ({})", self.name, self.why)
     }
 }
 
@@ -194,10 +174,12 @@ fn further(
         };
         let is_new = measurements.get(name).is_none();
         let why = match value {
-            _ if !Measurements::is_name(name) => WhyLeftOut::Name,
-            _ if !value.is_finite() => WhyLeftOut::NotFinite,
-            _ if value < 0.0 => WhyLeftOut::Negative,
-            _ if is_new && measurements.len() >= most => WhyLeftOut::TooMany,
+            _ if !Measurements::is_name(name) => NAMES_ARE.to_owned(),
+            _ if !value.is_finite() => "not a finite number".to_owned(),
+            _ if value < 0.0 => "below 0".to_owned(),
+            _ if is_new && measurements.len() >= most => {
+                format!("a run has {} measurements at most", Measurements::MOST)
+            }
             _ => {
                 measurements.set(name.clone(), value);
                 continue;

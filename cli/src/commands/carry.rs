@@ -64,19 +64,13 @@ fn write(client: &Client, export: &Export, out: &mut (impl Write + Send)) -> Res
     let trials = client.trials(&study.identified_name(), query);
     // In a table, what a trial at a cheaper level measured would look like a result.
     let trials = trials.filter(|trial| !trial.as_ref().is_ok_and(|trial| trial.fidelity.is_some()));
+    let trials = trials.map(|trial| trial.map_err(Failure::from));
     match export.format {
-        ExportFormat::Csv => {
-            csv_table::write(out, study.spec()?, trials.map(|trial| trial.map_err(Failure::from)), &site)
-        }
+        ExportFormat::Csv => csv_table::write(out, study.spec()?, trials, &site),
         #[cfg(feature = "parquet")]
         ExportFormat::Parquet => {
             let header = jsonl::Header::new(&site, StudyFile::of(&study)?);
-            parquet_table::write(
-                out,
-                &header,
-                study.spec()?,
-                trials.map(|trial| trial.map_err(Failure::from)),
-            )
+            parquet_table::write(out, &header, study.spec()?, trials)
         }
         ExportFormat::Jsonl => {
             jsonl::write_line(out, &jsonl::Header::new(&site, StudyFile::of(&study)?))?;

@@ -70,28 +70,12 @@ fn is_worth_repeating(command: &Command, problem: &ClientError) -> bool {
 
 /// Whether a command may be done again after a part of it was done.
 fn is_repeatable(command: &Command) -> bool {
-    matches!(
-        command,
-        Command::Suggest(_)
-            | Command::Report(_)
-            | Command::Studies { .. }
-            | Command::Trials(_)
-            | Command::Analyze(_)
-            | Command::Front(_)
-            | Command::Best(_)
-            | Command::Predict(_)
-            | Command::Explain(_)
-            | Command::Policy(_)
-            | Command::Pin(_)
-            | Command::Unpin { .. }
-            | Command::Freeze { .. }
-            | Command::Thaw { .. }
-            | Command::Exclude { .. }
-            | Command::Include { .. }
-            | Command::Import(_)
-            | Command::Watch(_)
-            | Command::Study(StudyCommand::Edit(_))
-    )
+    match command {
+        Command::Study(command) => matches!(command, StudyCommand::Edit(_)),
+        Command::Exec(_) | Command::Export(_) | Command::Ping => false,
+        // Those that need no daemon do not come here.
+        _ => true,
+    }
 }
 
 /// Does what needs a daemon.

@@ -27,10 +27,7 @@ pub(crate) fn raised(error: ClientError) -> PyErr {
         | ClientError::Late { .. }
         | ClientError::Unflushed { .. } => Unreachable::new_err(words),
         ClientError::Refused { .. } => Refused::new_err(words),
-        ClientError::NoRuntime { .. }
-        | ClientError::Malformed { .. }
-        | ClientError::NotYet { .. }
-        | ClientError::Busy { .. } => TreewrightError::new_err(words),
+        _ => TreewrightError::new_err(words),
     }
 }
 
