@@ -63,7 +63,7 @@ fn parse(input: impl Read, file: &str, space: &Space) -> Result<Vec<CarriedTrial
         // The header is the first line.
         let line = index + 2;
         let record = record.map_err(|error| error.to_string())?;
-        let mut row = Row::default();
+        let mut row = Row::new(file, line);
         for (role, text) in roles.iter().zip(&record) {
             let Some(role) = role else { continue };
             let value = value(role, text, space).map_err(|problem| format!("line {line}: {problem}"))?;
@@ -71,7 +71,7 @@ fn parse(input: impl Read, file: &str, space: &Space) -> Result<Vec<CarriedTrial
                 row.take(role, value).map_err(|problem| format!("line {line}: {problem}"))?;
             }
         }
-        let trial = row.trial(file, line).map_err(|problem| format!("line {line}: {problem}"))?;
+        let trial = row.trial().map_err(|problem| format!("line {line}: {problem}"))?;
         trials.extend(trial.map(|trial| {
             let configuration = without_inactive(space, &trial.configuration);
             CarriedTrial { configuration, ..trial }

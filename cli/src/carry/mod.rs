@@ -62,6 +62,23 @@ pub(crate) struct CarriedTrial {
 }
 
 impl CarriedTrial {
+    /// One of which nothing is known yet but where it was measured.
+    pub(crate) fn new(origin: String, client_id: &str) -> Self {
+        Self {
+            origin,
+            client_id: client_id.to_owned(),
+            indicators: BTreeMap::new(),
+            configuration: Configuration::new(),
+            measurements: BTreeMap::new(),
+            standard_errors: BTreeMap::new(),
+            outcome: Outcome::Ok,
+            cost: None,
+            fingerprint: None,
+            complete_time: None,
+            exclusion: None,
+        }
+    }
+
     /// A trial with a result that says something of its configuration; `None` for any other, for what repeats
     /// a run of a front, and at a cheaper level.
     pub(crate) fn of(trial: &TrialRecord, site: &str) -> Option<Self> {

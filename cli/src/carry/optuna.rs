@@ -10,7 +10,7 @@ use std::path::Path;
 use serde_json::{Value as Json, json};
 use sqlx::sqlite::{SqliteConnectOptions, SqliteConnection};
 use sqlx::{ConnectOptions as _, Row as _};
-use treewright_client::{Configuration, Outcome, Value};
+use treewright_client::{Configuration, Value};
 
 use super::CarriedTrial;
 use super::foreign::{Foreign, METRIC, check_names, json_of, our_name, read_with};
@@ -77,17 +77,9 @@ async fn read_study(path: &Path, name: &str) -> Result<Foreign, String> {
             continue;
         };
         read.trials.push(CarriedTrial {
-            origin: format!("optuna/{name}/{number}"),
-            client_id: "optuna".to_owned(),
-            indicators: BTreeMap::new(),
             configuration: assigned.remove(&number).unwrap_or_default(),
             measurements: [(METRIC.to_owned(), value)].into(),
-            outcome: Outcome::Ok,
-            cost: None,
-            standard_errors: BTreeMap::new(),
-            fingerprint: None,
-            complete_time: None,
-            exclusion: None,
+            ..CarriedTrial::new(format!("optuna/{name}/{number}"), "optuna")
         });
     }
     Ok(read)

@@ -156,7 +156,7 @@ fn parse(file: File, name: &str) -> Result<(Option<Header>, Vec<CarriedTrial>), 
     let mut trials = Vec::new();
     for (index, record) in file.get_row_iter(Some(wanted)).map_err(words)?.enumerate() {
         let number = index + 1;
-        let mut row = Row::default();
+        let mut row = Row::new(name, number);
         for (role, (title, field)) in roles.iter().zip(record.map_err(words)?.get_column_iter()) {
             let taken = match value(field) {
                 // Of a parameter it may be a choice.
@@ -169,7 +169,7 @@ fn parse(file: File, name: &str) -> Result<(Option<Header>, Vec<CarriedTrial>), 
             };
             taken.map_err(|problem| format!("row {number}: {problem}"))?;
         }
-        trials.extend(row.trial(name, number).map_err(|problem| format!("row {number}: {problem}"))?);
+        trials.extend(row.trial().map_err(|problem| format!("row {number}: {problem}"))?);
     }
     Ok((study, trials))
 }

@@ -1,12 +1,9 @@
 //! Trials as a table: a column for each parameter, indicator and measurement. CSV and Parquet files are such
 //! tables.
 
-use std::collections::BTreeMap;
 use std::time::SystemTime;
 
-use treewright_client::{
-    Configuration, CostView, Domain, Fingerprint, Measurements, Outcome, StudySpec, TrialRecord, Value,
-};
+use treewright_client::{CostView, Domain, Measurements, Outcome, StudySpec, TrialRecord, Value};
 
 use super::{CarriedTrial, client_id, origin};
 use crate::show;
@@ -188,55 +185,52 @@ impl Role {
 }
 
 /// A row while it is read.
-#[derive(Default)]
 pub(super) struct Row {
-    configuration: Configuration,
-    indicators: BTreeMap<String, f64>,
-    measurements: BTreeMap<String, f64>,
-    standard_errors: BTreeMap<String, f64>,
+    trial: CarriedTrial,
     outcome: Option<String>,
     reason: String,
     lower_bound: Option<f64>,
-    client_id: Option<String>,
-    origin: Option<String>,
-    fingerprint: Option<Fingerprint>,
-    exclusion: Option<String>,
 }
 
 impl Row {
+    /// The row at a place of a file. They stand for its origin and its client where it names none.
+    pub(super) fn new(file: &str, place: usize) -> Self {
+        let trial = CarriedTrial::new(format!("{file}:{place}"), file);
+        Self { trial, outcome: None, reason: String::new(), lower_bound: None }
+    }
+
     /// Adds a value. The error says why it cannot stand in this column.
     pub(super) fn take(&mut self, role: &Role, value: Value) -> Result<(), String> {
         let number = |value: &Value| value.as_number().ok_or_else(|| format!("`{value}` is no number"));
         match role {
-            Role::Configuration(name) => self.configuration.set(name.clone(), value),
+            Role::Configuration(name) => self.trial.configuration.set(name.clone(), value),
             Role::Indicator(name) => {
-                self.indicators.insert(name.clone(), number(&value)?);
+                self.trial.indicators.insert(name.clone(), number(&value)?);
             }
             Role::Measurement(name) => {
-                self.measurements.insert(name.clone(), number(&value)?);
+                self.trial.measurements.insert(name.clone(), number(&value)?);
             }
             Role::StandardError(name) => {
-                self.standard_errors.insert(name.clone(), number(&value)?);
+                self.trial.standard_errors.insert(name.clone(), number(&value)?);
             }
             Role::Outcome => self.outcome = Some(value.to_string()),
             Role::Reason => self.reason = value.to_string(),
             Role::LowerBound => self.lower_bound = Some(number(&value)?),
-            Role::Client => self.client_id = Some(value.to_string()),
-            Role::Origin => self.origin = Some(value.to_string()),
-            Role::Exclusion => self.exclusion = Some(value.to_string()),
+            Role::Client => self.trial.client_id = value.to_string(),
+            Role::Origin => self.trial.origin = value.to_string(),
+            Role::Exclusion => self.trial.exclusion = Some(value.to_string()),
             Role::Fingerprint => {
                 let machine = serde_json::from_str(&value.to_string());
-                self.fingerprint = Some(machine.map_err(|error| format!("{FINGERPRINT}: {error}"))?);
+                self.trial.fingerprint = Some(machine.map_err(|error| format!("{FINGERPRINT}: {error}"))?);
             }
         }
         Ok(())
     }
 
-    /// The trial; `None` for one without a result, such as one that is open or failed. `place` says which row
-    /// of which file it is, for one that names no origin.
-    pub(super) fn trial(self, file: &str, place: usize) -> Result<Option<CarriedTrial>, String> {
+    /// The trial; `None` for one without a result, such as one that is open or failed.
+    pub(super) fn trial(self) -> Result<Option<CarriedTrial>, String> {
         let outcome = match self.outcome.as_deref() {
-            None if self.measurements.is_empty() => return Ok(None),
+            None if self.trial.measurements.is_empty() => return Ok(None),
             None | Some("OK") => Outcome::Ok,
             Some("INFEASIBLE") => Outcome::infeasible(self.reason),
             Some("ABORTED") => Outcome::aborted(self.lower_bound.ok_or("ABORTED needs a lower_bound")?),
@@ -245,18 +239,6 @@ impl Row {
                 return Err(format!("outcome `{other}` is none of OK, INFEASIBLE, ABORTED, FAILED"));
             }
         };
-        Ok(Some(CarriedTrial {
-            origin: self.origin.unwrap_or_else(|| format!("{file}:{place}")),
-            client_id: self.client_id.unwrap_or_else(|| file.to_owned()),
-            indicators: self.indicators,
-            configuration: self.configuration,
-            measurements: self.measurements,
-            standard_errors: self.standard_errors,
-            outcome,
-            cost: None,
-            fingerprint: self.fingerprint,
-            complete_time: None,
-            exclusion: self.exclusion,
-        }))
+        Ok(Some(CarriedTrial { outcome, ..self.trial }))
     }
 }

@@ -12,7 +12,7 @@ use crate::show::{self, figure};
 /// The version of the JSON. It rises when a field changes its meaning or goes.
 const FORMAT: u32 = 1;
 
-#[derive(Debug, Serialize)]
+#[derive(Debug, Default, Serialize)]
 pub(super) struct Summary {
     format: u32,
     pub(super) study: String,
@@ -88,16 +88,9 @@ impl Summary {
             format: FORMAT,
             study: study.to_owned(),
             objective: objective(spec),
-            trials: 0,
-            cheaper: 0,
-            infeasible: 0,
-            failed: 0,
             end: "the search has ended",
-            error: None,
-            best: None,
-            confirmation: None,
             view: spec.objective.view(),
-            front: None,
+            ..Self::default()
         }
     }
 

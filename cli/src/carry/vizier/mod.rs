@@ -127,19 +127,9 @@ fn translate(name: &str, spec: &StudySpec, trials: &[Trial]) -> Result<Foreign, 
             }
             _ => continue,
         };
-        foreign.trials.push(CarriedTrial {
-            origin: format!("vizier/{name}/trials/{}", trial.id),
-            client_id: if trial.client_id.is_empty() { "vizier".to_owned() } else { trial.client_id.clone() },
-            indicators: BTreeMap::new(),
-            configuration,
-            measurements,
-            outcome,
-            cost: None,
-            standard_errors: BTreeMap::new(),
-            fingerprint: None,
-            complete_time: None,
-            exclusion: None,
-        });
+        let client_id = if trial.client_id.is_empty() { "vizier" } else { &trial.client_id };
+        let known = CarriedTrial::new(format!("vizier/{name}/trials/{}", trial.id), client_id);
+        foreign.trials.push(CarriedTrial { configuration, measurements, outcome, ..known });
     }
     Ok(foreign)
 }
