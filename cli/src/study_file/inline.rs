@@ -4,7 +4,7 @@ use std::ops::RangeInclusive;
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use treewright_client::{Fidelity, MeasurementLimit, Scale, Value};
+use treewright_client::{Domain, Fidelity, MeasurementLimit, Parameter, Scale, Value};
 
 use super::{IndicatorEntry, Kind, Number, ParameterEntry, Plain};
 
@@ -26,6 +26,20 @@ impl LimitEntry {
     pub(super) fn of(limit: &MeasurementLimit) -> Self {
         let MeasurementLimit { metric, at_least, at_most } = limit.clone();
         Self { metric, at_least, at_most }
+    }
+
+    /// Reads `NAME<=NUMBER` or `NAME>=NUMBER`.
+    pub(crate) fn inline(text: &str) -> Result<Self, String> {
+        let wrong =
+            || "a limit is written NAME<=NUMBER or NAME>=NUMBER, for example 'memory_mb<=2000'".to_owned();
+        let (metric, end, is_upper) = match (text.split_once("<="), text.split_once(">=")) {
+            (Some((metric, end)), None) => (metric, end, true),
+            (None, Some((metric, end))) => (metric, end, false),
+            _ => return Err(wrong()),
+        };
+        let end: f64 = end.trim().parse().map_err(|_| wrong())?;
+        let (at_least, at_most) = if is_upper { (None, Some(end)) } else { (Some(end), None) };
+        Ok(Self { metric: metric.trim().to_owned(), at_least, at_most })
     }
 }
 
@@ -70,18 +84,8 @@ impl ParameterEntry {
         };
         let (domain, default) = rest.rsplit_once(':').ok_or_else(wrong)?;
         let plain = |text: &str| Plain::from(&Value::parse(text.trim()));
-        let mut entry = Self {
-            name: name.trim().to_owned(),
-            kind: Kind::Categorical,
-            min: None,
-            max: None,
-            step: None,
-            scale,
-            values: Vec::new(),
-            default: plain(default),
-            active_if: None,
-            setup: false,
-        };
+        let plainest = Parameter::new(name.trim(), Domain::Boolean, Value::parse(default.trim()));
+        let mut entry = Self { kind: Kind::Categorical, scale, ..Self::of(&plainest) };
         if let Some((low, high)) = domain.split_once("..") {
             let (high, step) = high.split_once('/').map_or((high, None), |(high, step)| (high, Some(step)));
             let step =
@@ -113,21 +117,5 @@ impl IndicatorEntry {
     pub(crate) fn inline(name: &str, range: RangeInclusive<f64>) -> Self {
         let (min, max) = (Number::Float(*range.start()), Number::Float(*range.end()));
         Self { name: name.to_owned(), min, max, scale: Scale::Linear }
-    }
-}
-
-impl LimitEntry {
-    /// Reads `NAME<=NUMBER` or `NAME>=NUMBER`.
-    pub(crate) fn inline(text: &str) -> Result<Self, String> {
-        let wrong =
-            || "a limit is written NAME<=NUMBER or NAME>=NUMBER, for example 'memory_mb<=2000'".to_owned();
-        let (metric, end, is_upper) = match (text.split_once("<="), text.split_once(">=")) {
-            (Some((metric, end)), None) => (metric, end, true),
-            (None, Some((metric, end))) => (metric, end, false),
-            _ => return Err(wrong()),
-        };
-        let end: f64 = end.trim().parse().map_err(|_| wrong())?;
-        let (at_least, at_most) = if is_upper { (None, Some(end)) } else { (Some(end), None) };
-        Ok(Self { metric: metric.trim().to_owned(), at_least, at_most })
     }
 }
