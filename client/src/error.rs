@@ -300,14 +300,4 @@ mod tests {
         named.metadata_mut().insert("x-request-id", tonic::metadata::MetadataValue::from_static("7-a"));
         assert!(error(named).to_string().ends_with("(PermissionDenied, request 7-a)"));
     }
-
-    #[test]
-    fn an_absent_daemon_is_named_with_the_remedy() {
-        let text = ClientError::away("http://127.0.0.1:1", "Connection refused").to_string();
-        assert!(
-            text.contains("http://127.0.0.1:1")
-                && text.contains("Connection refused")
-                && text.contains("treewrightd serve")
-        );
-    }
 }

@@ -369,14 +369,4 @@ mod tests {
         outbox.wait_until_quiet().await;
         assert!(outbox.hold(&name("a")));
     }
-
-    #[tokio::test]
-    async fn closing_sends_what_is_left() {
-        let outbox = Outbox::new(9);
-        outbox.report(report("a"));
-        outbox.close();
-        outbox.closing().await;
-        assert_eq!(&*outbox.next().await.unwrap().trial, "a");
-        assert!(outbox.next().await.is_none());
-    }
 }

@@ -174,21 +174,6 @@ mod tests {
     }
 
     #[test]
-    fn a_loop_is_one_worker_and_who_runs_side_by_side_are_several() {
-        let (workers, study) = of("loops");
-        let take = |place| workers.take(&study, &at(place), same).unwrap();
-        for place in [1.0, 1.0, 2.0] {
-            assert_eq!(**take(place).name(), *workers.client_id);
-        }
-        let all: Vec<_> = (0..4).map(|_| take(1.0)).collect();
-        let names: Vec<_> = all.iter().map(|worker| worker.name().to_string()).collect();
-        let id = &workers.client_id;
-        assert_eq!(names, [id.to_string(), format!("{id}#2"), format!("{id}#3"), format!("{id}#4")]);
-        drop(all);
-        assert_eq!(**take(9.0).name(), **id, "the lowest is free again");
-    }
-
-    #[test]
     fn loops_in_several_states_stay_who_they_are() {
         let (workers, study) = of("states");
         let take = |place| workers.take(&study, &at(place), same).unwrap();

@@ -437,12 +437,6 @@ mod tests {
     }
 
     #[test]
-    fn some_exit_codes_are_as_good_as_none() {
-        assert!(matches!(ended(4, r#"{"loss": 1}"#, "", MetricSource::Json), Run::Done(..)));
-        assert!(matches!(ended(5, r#"{"loss": 1}"#, "", MetricSource::Json), Run::Failed { .. }));
-    }
-
-    #[test]
     fn parameters_of_one_variable_are_found() {
         let one = |name: &'static str| ("P_A_B".to_owned(), name);
         let word = |name: &str| variable("P_", name);
