@@ -46,7 +46,6 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-use prometheus_client::encoding::EncodeLabelSet;
 use prometheus_client::metrics::counter::Counter;
 use prometheus_client::metrics::family::Family;
 use prometheus_client::metrics::gauge::Gauge;
@@ -62,31 +61,8 @@ use crate::status;
 use studies::StudyFamilies;
 pub(crate) use study::{FrameCounts, StudyFigures};
 
-#[derive(Clone, Debug, Hash, PartialEq, Eq, EncodeLabelSet)]
-struct RpcLabel {
-    rpc: &'static str,
-}
-
-#[derive(Clone, Debug, Hash, PartialEq, Eq, EncodeLabelSet)]
-struct EndingLabel {
-    rpc: &'static str,
-    code: &'static str,
-}
-
-#[derive(Clone, Debug, Hash, PartialEq, Eq, EncodeLabelSet)]
-struct ReasonLabel {
-    reason: &'static str,
-}
-
-#[derive(Clone, Debug, Hash, PartialEq, Eq, EncodeLabelSet)]
-struct BuildLabel {
-    version: &'static str,
-}
-
-#[derive(Clone, Debug, Hash, PartialEq, Eq, EncodeLabelSet)]
-struct OutcomeLabel {
-    outcome: &'static str,
-}
+/// Names and values of labels.
+type Labels<const N: usize, T = &'static str> = [(&'static str, T); N];
 
 /// The figures of one daemon.
 #[derive(Debug)]
@@ -102,16 +78,16 @@ pub struct Metrics {
 figures! {
     /// Figures that are counted as things happen.
     struct EventFigures {
-        requests: Family<EndingLabel, Counter>,
+        requests: Family<Labels<2>, Counter>,
             "requests", "Requests, and frames of Tune streams, by RPC and gRPC code";
-        request_seconds: Family<RpcLabel, Histogram, fn() -> Histogram> =
+        request_seconds: Family<Labels<1>, Histogram, fn() -> Histogram> =
             Family::new_with_constructor(seconds), "request",
             "From a request's head to the answer's, by RPC; of Tune.frame from the frame to its answer", Seconds;
-        refusals: Family<ReasonLabel, Counter>,
+        refusals: Family<Labels<1>, Counter>,
             "refusals", "Refused requests, frames and parts of frames, by reason";
-        connections_lost: Family<ReasonLabel, Counter>,
+        connections_lost: Family<Labels<1>, Counter>,
             "connections_lost", "Connections refused or closed, by reason";
-        forwarded: Family<OutcomeLabel, Counter>, "forwarded",
+        forwarded: Family<Labels<1>, Counter>, "forwarded",
             "Requests and frames passed on to the replica that holds their study, by what came of it";
         durable_seconds: Histogram = seconds(),
             "durable", "From a decision to its being on the disk", Seconds;
@@ -199,8 +175,8 @@ impl Metrics {
     fn register(&self) {
         let mut guard = self.registry.lock().unwrap_or_else(PoisonError::into_inner);
         let registry = &mut *guard;
-        let build = Family::<BuildLabel, Gauge>::default();
-        build.get_or_create(&BuildLabel { version: env!("CARGO_PKG_VERSION") }).set(1);
+        let build = Family::<Labels<1>, Gauge>::default();
+        build.get_or_create(&[("version", env!("CARGO_PKG_VERSION"))]).set(1);
         registry.register("build_info", "Always 1; which version runs", build);
         self.events.register(registry);
         self.now.register(registry);
@@ -212,19 +188,19 @@ impl Metrics {
     /// Makes every counter with every label, so that the first event shows as an increase.
     fn begin_at_zero(&self) {
         for reason in LOSSES {
-            drop(self.events.connections_lost.get_or_create(&ReasonLabel { reason }));
+            drop(self.events.connections_lost.get_or_create(&[("reason", reason)]));
         }
         for reason in status::REASONS {
-            drop(self.events.refusals.get_or_create(&ReasonLabel { reason }));
+            drop(self.events.refusals.get_or_create(&[("reason", reason)]));
         }
         for outcome in FORWARDED {
-            drop(self.events.forwarded.get_or_create(&OutcomeLabel { outcome }));
+            drop(self.events.forwarded.get_or_create(&[("outcome", outcome)]));
         }
         let rpcs = RULES.iter().map(|rule| rule.rpc).chain(["Tune.frame", rule_for("").rpc]);
         for rpc in rpcs {
-            drop(self.events.request_seconds.get_or_create(&RpcLabel { rpc }));
+            drop(self.events.request_seconds.get_or_create(&[("rpc", rpc)]));
             for code in (0..=16).map(Code::from_i32) {
-                drop(self.events.requests.get_or_create(&EndingLabel { rpc, code: code_name(code) }));
+                drop(self.events.requests.get_or_create(&[("rpc", rpc), ("code", code_name(code))]));
             }
         }
     }
@@ -232,8 +208,8 @@ impl Metrics {
     /// A request, or a frame of a stream, has been answered.
     pub(crate) fn answered(&self, rpc: &'static str, code: Code, took: Duration) {
         self.answers.fetch_add(1, Ordering::Relaxed);
-        self.events.requests.get_or_create(&EndingLabel { rpc, code: code_name(code) }).inc();
-        self.events.request_seconds.get_or_create(&RpcLabel { rpc }).observe(took.as_secs_f64());
+        self.events.requests.get_or_create(&[("rpc", rpc), ("code", code_name(code))]).inc();
+        self.events.request_seconds.get_or_create(&[("rpc", rpc)]).observe(took.as_secs_f64());
     }
 
     pub(crate) fn answers(&self) -> u64 {
@@ -242,19 +218,19 @@ impl Metrics {
 
     pub(crate) fn refused(&self, reason: &'static str) {
         assert!(status::REASONS.contains(&reason), "{reason} is not counted from the start");
-        self.events.refusals.get_or_create(&ReasonLabel { reason }).inc();
+        self.events.refusals.get_or_create(&[("reason", reason)]).inc();
     }
 
     /// A connection was refused or closed, for one of [`LOSSES`].
     pub(crate) fn connection_lost(&self, reason: &'static str) {
         assert!(LOSSES.contains(&reason), "{reason} is not counted from the start");
-        self.events.connections_lost.get_or_create(&ReasonLabel { reason }).inc();
+        self.events.connections_lost.get_or_create(&[("reason", reason)]).inc();
     }
 
     /// A request was passed on to another replica, with one of the outcomes of [`FORWARDED`].
     pub(crate) fn forwarded(&self, outcome: &'static str) {
         assert!(FORWARDED.contains(&outcome), "{outcome} is not counted from the start");
-        self.events.forwarded.get_or_create(&OutcomeLabel { outcome }).inc();
+        self.events.forwarded.get_or_create(&[("outcome", outcome)]).inc();
     }
 
     /// A tuner has decided these changes.
