@@ -1,15 +1,11 @@
 //! Spaces and specifications of studies, with plain values.
 
-use std::collections::BTreeSet;
-
+use serde::ser::SerializeMap as _;
 use serde::{Serialize, Serializer};
 
 use super::Plain;
-use crate::fidelity::Fidelity;
-use crate::indicator::Indicator;
-use crate::objective::{MeasurementLimit, ObjectiveTerm};
 use crate::policy::PolicySettings;
-use crate::space::{Condition, Constraint, Domain, Parameter, Space};
+use crate::space::{Condition, Domain, Parameter, Space};
 use crate::study::StudySpec;
 use crate::value::Value;
 
@@ -30,99 +26,67 @@ impl Serialize for Plain<'_, Domain> {
     }
 }
 
+/// Writes named values as an object; one with a condition only where that holds.
+macro_rules! object {
+    ($serializer:ident: $($name:ident = $value:expr $(, if $is_shown:expr)?;)+) => {{
+        let mut object = $serializer.serialize_map(None)?;
+        $(
+            $(if $is_shown)? {
+                object.serialize_entry(stringify!($name), &$value)?;
+            }
+        )+
+        object.end()
+    }};
+}
+
 impl Serialize for Plain<'_, Condition> {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        #[derive(Serialize)]
-        struct Shown<'a> {
-            parameter: &'a str,
-            any_of: Plain<'a, [Value]>,
-        }
         let Condition { parameter, any_of } = self.0;
-        Shown { parameter, any_of: Plain(any_of.as_slice()) }.serialize(serializer)
+        object! { serializer: parameter = parameter; any_of = Plain(any_of.as_slice()); }
     }
 }
 
 impl Serialize for Plain<'_, Parameter> {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        #[derive(Serialize)]
-        struct Shown<'a> {
-            name: &'a str,
-            domain: Plain<'a, Domain>,
-            default: Plain<'a, Value>,
-            active_if: Option<Plain<'a, Condition>>,
-            #[serde(skip_serializing_if = "std::ops::Not::not")]
-            setup: bool,
-        }
         let Parameter { name, domain, default, active_if, setup } = self.0;
-        let (active_if, setup) = (active_if.as_ref().map(Plain), *setup);
-        Shown { name, domain: Plain(domain), default: Plain(default), active_if, setup }.serialize(serializer)
+        object! {
+            serializer:
+            name = name;
+            domain = Plain(domain);
+            default = Plain(default);
+            active_if = active_if.as_ref().map(Plain);
+            setup = setup, if *setup;
+        }
     }
 }
 
 impl Serialize for Plain<'_, Space> {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        #[derive(Serialize)]
-        struct Shown<'a> {
-            parameters: Vec<Plain<'a, Parameter>>,
-            constraints: &'a [Constraint],
-        }
-        let parameters = self.0.parameters().iter().map(Plain).collect();
-        Shown { parameters, constraints: self.0.constraints() }.serialize(serializer)
+        let parameters: Vec<_> = self.0.parameters().iter().map(Plain).collect();
+        object! { serializer: parameters = parameters; constraints = self.0.constraints(); }
     }
 }
 
 impl Serialize for Plain<'_, StudySpec<PolicySettings>> {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        #[derive(Serialize)]
-        struct Shown<'a> {
-            display_name: &'a str,
-            #[serde(skip_serializing_if = "str::is_empty")]
-            note: &'a str,
-            #[serde(skip_serializing_if = "BTreeSet::is_empty")]
-            tags: &'a BTreeSet<String>,
-            space: Plain<'a, Space>,
-            indicators: &'a [Indicator],
-            objective: &'a [ObjectiveTerm],
-            auxiliary: &'a [String],
-            limits: &'a [MeasurementLimit],
-            #[serde(skip_serializing_if = "<[String]>::is_empty")]
-            maximised: &'a [String],
-            #[serde(skip_serializing_if = "Option::is_none")]
-            episode_frames: Option<u32>,
-            #[serde(skip_serializing_if = "<[Fidelity]>::is_empty")]
-            fidelities: &'a [Fidelity],
-            state_tolerance: f64,
-            policy: &'a PolicySettings,
-            seed: u64,
+        let (spec, objective) = (self.0, &self.0.objective);
+        object! {
+            serializer:
+            display_name = spec.display_name;
+            note = spec.note, if !spec.note.is_empty();
+            tags = spec.tags, if !spec.tags.is_empty();
+            space = Plain(&spec.space);
+            indicators = spec.indicators.indicators();
+            objective = objective.terms();
+            auxiliary = objective.auxiliary();
+            limits = objective.limits();
+            maximised = objective.maximised(), if !objective.maximised().is_empty();
+            episode_frames = objective.episode_frames(), if objective.episode_frames() > 1;
+            fidelities = objective.fidelities(), if !objective.fidelities().is_empty();
+            state_tolerance = spec.state_tolerance;
+            policy = spec.policy;
+            seed = spec.seed;
         }
-        let StudySpec {
-            display_name,
-            note,
-            tags,
-            space,
-            indicators,
-            objective,
-            state_tolerance,
-            policy,
-            seed,
-        } = self.0;
-        Shown {
-            display_name,
-            note,
-            tags,
-            space: Plain(space),
-            indicators: indicators.indicators(),
-            objective: objective.terms(),
-            auxiliary: objective.auxiliary(),
-            limits: objective.limits(),
-            maximised: objective.maximised(),
-            episode_frames: Some(objective.episode_frames()).filter(|frames| *frames > 1),
-            fidelities: objective.fidelities(),
-            state_tolerance: *state_tolerance,
-            policy,
-            seed: *seed,
-        }
-        .serialize(serializer)
     }
 }
 
