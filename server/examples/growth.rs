@@ -188,7 +188,6 @@ async fn measure(path: &Path, states: u64) -> Done<()> {
     Ok(())
 }
 
-/// Asks for a page of the study; the time in milliseconds.
 async fn page_ms(dashboard: SocketAddr, page: &str) -> Done<f64> {
     let begun = Instant::now();
     let mut stream = TcpStream::connect(dashboard).await?;
@@ -201,7 +200,6 @@ async fn page_ms(dashboard: SocketAddr, page: &str) -> Done<f64> {
     is_page.then(|| begun.elapsed().as_secs_f64() * 1e3).ok_or_else(|| format!("{page} is no page").into())
 }
 
-/// Serves the dashboard, and asks for its pages.
 async fn measure_pages(path: &Path) -> Done<()> {
     let begun = Instant::now();
     let store = Arc::new(SqliteStore::open(path).await?);

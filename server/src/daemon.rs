@@ -22,7 +22,6 @@ use crate::serve::{self, Options, ServeError};
 use crate::tls::{Tls, TlsError};
 use crate::{limits, maintenance};
 
-/// The address of a daemon that only this machine can reach.
 const LOCAL: SocketAddr = SocketAddr::new(std::net::IpAddr::V4(Ipv4Addr::LOCALHOST), 0);
 
 /// Why the daemon ended with an error. Each has an exit code of its own.

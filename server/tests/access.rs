@@ -39,7 +39,6 @@ impl Guarded {
         Self { server, tokens, access }
     }
 
-    /// Stores a token and returns its text.
     async fn token(&self, scope: Scope, studies: &[&str], quota: Quota) -> Token {
         let studies = studies.iter().map(|study| (*study).to_owned()).collect();
         let (token, record) = common::token(scope, studies, quota);

@@ -15,7 +15,6 @@ use serde_json::Value;
 const WEEK: usize = 7 * DAY;
 const DAY: usize = 24 * HOUR;
 const HOUR: usize = 60;
-/// Seconds of a day.
 const DAY_S: f64 = 86_400.0;
 /// Figures of every minute.
 type Figures = Vec<f64>;
@@ -26,7 +25,6 @@ fn rules() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("deploy/alerts.yaml")
 }
 
-/// A figure that always has this value.
 fn level(value: f64) -> Figures {
     vec![value; WEEK + 1]
 }
@@ -248,7 +246,6 @@ fn skip() {
     }
 }
 
-/// Runs promtool, where there is one.
 fn promtool(command: &[&str], files: &[PathBuf]) {
     match Command::new("promtool").args(command).args(files).output() {
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => skip(),

@@ -52,7 +52,6 @@ impl Guarded {
         self.exchange("GET", path, "").await
     }
 
-    /// Sends a form.
     async fn post(&self, path: &str, form: &str) -> (u16, String) {
         self.exchange("POST", path, form).await
     }

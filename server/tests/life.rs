@@ -170,12 +170,10 @@ async fn health_and_reflection_answer() {
     server.stop().await;
 }
 
-/// Asks and returns the whole answer, head and all.
 async fn ask(address: SocketAddr, method: &str, path: &str) -> String {
     common::exchange(address, &format!("{method} {path} HTTP/1.1\r\nhost: here\r\n\r\n")).await
 }
 
-/// The value of a figure.
 fn value(text: &str, figure: &str) -> Option<f64> {
     let line = text.lines().find_map(|line| line.strip_prefix(figure));
     line.map(|value| value.trim().parse().expect("a number"))

@@ -148,7 +148,6 @@ fn each_trouble_has_its_exit_code_and_one_line() {
     assert!(help.contains("TREEWRIGHT_DATABASE"), "{help}");
 }
 
-/// Passes received spans on.
 struct Collector(mpsc::UnboundedSender<Span>);
 
 #[tonic::async_trait]

@@ -15,7 +15,6 @@ use subtle::ConstantTimeEq as _;
 /// form.
 pub const TOKEN_MARK: &str = "tw1_";
 
-/// Hexadecimal digits of an id.
 const ID_DIGITS: usize = 12;
 
 /// Characters of the secret: 32 bytes in base64 without padding.

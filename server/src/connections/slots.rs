@@ -65,7 +65,6 @@ impl From<Option<IpAddr>> for Origin {
 pub(crate) struct ConnectionSlots {
     limits: ConnectionLimits,
     taken: Arc<Mutex<OpenConnections>>,
-    /// Notified when one has left.
     left: Arc<Notify>,
 }
 

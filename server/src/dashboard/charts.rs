@@ -160,7 +160,6 @@ pub(super) fn bars(rows: &[(String, f64)]) -> String {
     figure.finish()
 }
 
-/// An axis of a parameter: its name and the labels of its ends.
 pub(super) struct Axis {
     pub(super) name: String,
     pub(super) low: String,

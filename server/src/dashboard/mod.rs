@@ -54,7 +54,6 @@ const POLICY: &str = "default-src 'none'; style-src 'self'; script-src 'self'; c
 const LOADING_WAITS: u32 = 20;
 /// The answer to a form of another site.
 const FOREIGN: Error = Error::Denied("the form does not come from a page of this dashboard");
-/// The cookie that holds the token.
 const COOKIE: &str = "treewright_token";
 
 type Body = BoxBody<Bytes, Infallible>;
@@ -300,7 +299,6 @@ fn is_loading(error: &Error) -> bool {
     matches!(error, Error::Loading { .. } | Error::Reloading { .. } | Error::Store(StoreError::Fenced { .. }))
 }
 
-/// Reads what a browser sends with a form.
 async fn read_form(body: Incoming) -> Result<Query, Response<Body>> {
     let form = Limited::new(body, limits::DASHBOARD_FORM_BYTES).collect();
     match tokio::time::timeout(limits::WATCH, form).await {

@@ -102,7 +102,6 @@ pub(super) fn problem(frame: PageFrame, title: &str, problem: &str) -> Result<St
     render(&Problem { frame, title, problem })
 }
 
-/// The name without `studies/`.
 pub(super) fn id(name: &str) -> &str {
     name.strip_prefix("studies/").unwrap_or(name)
 }

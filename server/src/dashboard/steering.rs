@@ -257,7 +257,6 @@ fn flag(field: &str, value: &str) -> String {
     }
 }
 
-/// A word as shells read it.
 fn shell_word(word: &str) -> String {
     let is_plain = |letter: char| letter.is_ascii_alphanumeric() || "=_-.,+:/@%".contains(letter);
     match !word.is_empty() && word.chars().all(is_plain) {

@@ -137,10 +137,8 @@ figures! {
     }
 }
 
-/// Why connections are lost.
 const LOSSES: [&str; 5] = ["limit", "address", "made_room", "tls", "overdue"];
 
-/// The outcomes of forwarded requests.
 const FORWARDED: [&str; 2] = ["answered", "silent"];
 
 /// Reports that wait at a client.
@@ -233,7 +231,6 @@ impl Metrics {
         self.events.forwarded.get_or_create(&[("outcome", outcome)]).inc();
     }
 
-    /// A tuner has decided these changes.
     pub(crate) fn decided(&self, changes: &[Change]) {
         let trials = changes.iter().flat_map(|change| &change.trials);
         let late = trials.filter(|trial| trial.late && trial.state == TrialState::Completed).count();

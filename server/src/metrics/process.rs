@@ -6,7 +6,6 @@ use nix::sys::resource::{Resource, getrlimit};
 /// any tick of the kernel.
 const TICKS_PER_S: f64 = 100.0;
 
-/// Processor time of this process, user and system, as Linux counts it.
 pub(super) fn processor_seconds() -> Option<f64> {
     let stat = std::fs::read_to_string("/proc/self/stat").ok()?;
     // The name before may hold anything, and ends with the last bracket (proc_pid_stat(5)).

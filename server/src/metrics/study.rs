@@ -28,7 +28,6 @@ pub(crate) struct FrameCounts {
 }
 
 impl FrameCounts {
-    /// Counts a tuner's latest decisions.
     pub(crate) fn add(&mut self, tuner: &Tuner, changes: &[Change]) {
         let view = tuner.spec().objective.view();
         for trial in changes.iter().flat_map(|change| &change.trials) {
@@ -61,7 +60,6 @@ impl FrameCounts {
 #[derive(Clone, Debug)]
 pub(crate) struct StudyFigures {
     pub(crate) study: String,
-    /// Counts of the whole study.
     pub(crate) statistics: StudyCounts,
     /// Counts since it came into memory.
     pub(crate) tally: FrameCounts,

@@ -119,7 +119,6 @@ impl Service {
     }
 }
 
-/// The use cases, and who calls them.
 #[derive(Clone, Copy)]
 pub(crate) struct Call<'a> {
     pub(crate) tuning: &'a Tuning,

@@ -67,7 +67,6 @@ pub(crate) fn adopt(span: &Span, headers: &HeaderMap) {
     }
 }
 
-/// Headers as the propagator reads them.
 struct Headers<'a>(&'a HeaderMap);
 
 impl Extractor for Headers<'_> {

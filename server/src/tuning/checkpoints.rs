@@ -164,7 +164,6 @@ pub(super) mod tests {
         }
     }
 
-    /// The trial that a client receives.
     pub(in crate::tuning) async fn suggested(tuning: &Tuning, client_id: &str, place: f64) -> Trial {
         let indicators = BTreeMap::from([("x".to_owned(), place)]);
         let ask = Ask { client_id: client_id.to_owned(), indicators, ..Ask::default() };
@@ -172,7 +171,6 @@ pub(super) mod tests {
         tuning.suggest(suggest).await.expect("a trial")
     }
 
-    /// A frame of a client; returns its trial.
     pub(in crate::tuning) async fn frame(tuning: &Tuning, client_id: &str, place: f64) -> Trial {
         let trial = suggested(tuning, client_id, place).await;
         let number = |name: &str| trial.configuration.get(name).and_then(Value::as_number).expect("active");

@@ -48,7 +48,6 @@ pub(super) struct Read {
     pub(super) identity: Identity,
     pub(super) fence: Fence,
     pub(super) saved: Saved,
-    /// The spaces that the study had before.
     pub(super) earlier: EarlierSpaces,
 }
 

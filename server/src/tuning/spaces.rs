@@ -40,7 +40,6 @@ pub struct SpaceEffect {
 struct ChangedStudy {
     spec: StudySpec,
     earlier: EarlierSpaces,
-    /// The open trials that are outside.
     outside: Vec<Trial>,
     /// False where the study has this space already.
     is_new: bool,

@@ -269,13 +269,11 @@ pub(crate) fn ask(client_id: &str, count: f64) -> wire::SuggestRequest {
     }
 }
 
-/// Asks for the best at 10 triangles.
 pub(crate) fn best() -> wire::GetBestRequest {
     let study = "studies/hall".to_owned();
     wire::GetBestRequest { study, indicators: triangles(10.0), ..Default::default() }
 }
 
-/// Asks for a prediction at 10 triangles.
 pub(crate) fn predict() -> wire::PredictRequest {
     let study = "studies/hall".to_owned();
     wire::PredictRequest { study, indicators: triangles(10.0), ..Default::default() }

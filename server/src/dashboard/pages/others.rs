@@ -73,7 +73,6 @@ impl OtherDaemons {
     }
 }
 
-/// Reads the list of a dashboard, or says why not.
 async fn read(peer: &DashboardPeer) -> Result<Vec<IndexRow>, String> {
     let wait = limits::DASHBOARD_PEER_WAIT;
     let late = || Err(format!("it did not answer within {} s", wait.as_secs_f64()));

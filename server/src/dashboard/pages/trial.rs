@@ -89,7 +89,6 @@ pub(in super::super) async fn trial(
     render(&page)
 }
 
-/// The figures that the policy weighed.
 fn reasons(reason: &v1::Reason, view: &CostView) -> Pairs {
     let explanation = reason.explanation.clone().unwrap_or_default();
     let given = |name: &str, value: Option<f64>| value.map(|value| (name.to_owned(), figure(value)));
