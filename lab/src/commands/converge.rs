@@ -4,9 +4,9 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use super::converge_entrants::{Chosen, EntrantArguments};
+use super::converge_entrants::EntrantArguments;
 use super::{bar, converge_output};
-use crate::converge::curve::{ComparisonPlan, Entrant, compare};
+use crate::converge::curve::{ComparisonPlan, compare};
 use crate::converge::equal_error::{BASELINES, equal_error};
 use crate::converge::reference::{Reference, TRUSTED_FROM};
 use crate::converge::results::{ComparisonResults, ContenderResult, ReferenceFacts};
@@ -79,17 +79,17 @@ impl Arguments {
 
 pub(super) fn run(arguments: &Arguments) -> Result<()> {
     arguments.check_file()?;
-    let chosen = arguments.entrants.read()?;
+    let entrants = arguments.entrants.read()?;
     let scene = arguments.view.scene.load()?;
     let camera = arguments.view.camera.find(&scene)?;
     let view = arguments.view.frame.view(camera);
     let Size { width, height } = arguments.view.size;
     let mut renderer = arguments.view.frame.renderer(&scene)?;
     let interrupt = Interrupt::listen();
-    if chosen.len() > CONTENDERS_MAX {
+    if entrants.len() > CONTENDERS_MAX {
         return Err(CliError::Usage(format!(
             "{} configurations are more than the limit of {CONTENDERS_MAX}",
-            chosen.len()
+            entrants.len()
         )));
     }
 
@@ -103,9 +103,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
         budget_ms: arguments.seconds * 1e3,
         samples_max: arguments.spp,
     };
-    let all: Vec<Entrant> = chosen.iter().map(|one| one.entrant.clone()).collect();
     let bar = bar(arguments.prints_json(), u64::from(arguments.runs) * 100, "% of a run");
-    let curves = compare(&mut renderer, &all, &plan, &yardstick, |progress| {
+    let curves = compare(&mut renderer, &entrants, &plan, &yardstick, |progress| {
         bar.set_position(u64::from(progress.run) * 100 + (progress.share * 100.0) as u64);
         !interrupt.requested()
     });
@@ -137,10 +136,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
         equal_error: equal_error(&curves, &BASELINES),
         contenders: curves
             .into_iter()
-            .zip(chosen)
-            .map(|(curve, Chosen { configuration, origin, .. })| {
-                ContenderResult::new(curve, configuration, origin)
-            })
+            .zip(entrants)
+            .map(|(curve, entrant)| ContenderResult::new(curve, entrant))
             .collect(),
     };
     write(arguments, &results)?;

@@ -31,35 +31,18 @@ pub(super) struct EntrantArguments {
     config: Vec<String>,
 }
 
-/// An entrant, and what the results say about it besides its measurements.
-#[derive(Clone, Debug)]
-pub(super) struct Chosen {
-    pub(super) entrant: Entrant,
-    pub(super) configuration: Option<Configuration>,
-    pub(super) origin: String,
-}
-
-fn untuned(who: Who, choice: Choice, origin: &str) -> Chosen {
-    let contender = Contender { who, choice };
-    Chosen { entrant: Entrant { contender, setup_ms: 0.0 }, configuration: None, origin: origin.to_owned() }
-}
-
-fn chosen(
-    who: Who,
-    space: &TuningSpace,
-    configuration: &Configuration,
-    setup_ms: f64,
-    origin: String,
-) -> Result<Chosen> {
-    let contender = verdict::contender(who, space, configuration)?;
-    let configuration = Some(space.complete(configuration)?);
-    Ok(Chosen { entrant: Entrant { contender, setup_ms }, configuration, origin })
+fn entrant(rival: impl Into<Rival>, setup_ms: f64, origin: impl Into<String>) -> Entrant {
+    Entrant { rival: rival.into(), setup_ms, origin: origin.into() }
 }
 
 impl EntrantArguments {
     /// The entrants that always take part and those of the command line, checked.
-    pub(super) fn read(&self) -> Result<Vec<Chosen>> {
+    pub(super) fn read(&self) -> Result<Vec<Entrant>> {
         let space = self.space.whole(Objective::Render)?;
+        let given = |who: Who, configuration: &Configuration| -> Result<Rival> {
+            Ok(Rival::of(who, &space, space.complete(configuration)?)?)
+        };
+        let untuned = |who, choice, origin: &str| entrant(Contender { who, choice }, 0.0, origin);
         let native = Choice::native(NativeQuality::Medium);
         let mut all = vec![
             untuned(Who::PaperDefault, Choice::paper_default(), "the paper's Table 1"),
@@ -67,20 +50,18 @@ impl EntrantArguments {
         ];
         let premises = Premises { robust: self.space.robust, ..Premises::all() };
         let full = TuningSpace::new(Preset::Full, &premises);
-        for Rival { contender, configuration } in verdict::used_well(&full) {
-            let origin = "with our stages and packets".to_owned();
-            all.push(Chosen { entrant: Entrant { contender, setup_ms: 0.0 }, configuration, origin });
-        }
+        let used_well = verdict::used_well(&full).into_iter();
+        all.extend(used_well.map(|rival| entrant(rival, 0.0, "with our stages and packets")));
         all.push(untuned(Who::BestFixed, full.default_choice(), "where searches start"));
         if let Some(path) = &self.tuned {
             let (configuration, tuning_ms) = (read_configuration(path)?, tuning_ms(path));
             let known = if tuning_ms.is_some() { "" } else { ", which does not say how long tuning took" };
             let origin = format!("{}{known}", path.display());
-            all.push(chosen(Who::Tuned, &space, &configuration, tuning_ms.unwrap_or(0.0), origin)?);
+            all.push(entrant(given(Who::Tuned, &configuration)?, tuning_ms.unwrap_or(0.0), origin));
         }
         for text in &self.config {
             let who = Who::Named(text.clone().into());
-            all.push(chosen(who, &space, &space::parse(text)?, 0.0, "the command line".to_owned())?);
+            all.push(entrant(given(who, &space::parse(text)?)?, 0.0, "the command line"));
         }
         Ok(all)
     }

@@ -10,91 +10,79 @@ use treewright_accel::Structure;
 
 use super::metrics::Yardstick;
 use treewright_renderer::{
-    film::Film, frame::Renderer, integrator::View, measure::Contender, render_options::RenderOptions,
-    space::Choice, tuning::who::Who,
+    film::Film, frame::Renderer, integrator::View, render_options::RenderOptions, space::Choice,
+    tuning::verdict::Rival, tuning::who::Who,
 };
 
-/// A contender, and the time that the search for its configuration took.
 #[derive(Clone, Debug)]
-pub struct Entrant {
-    /// The structure and the way to render with it.
-    pub contender: Contender,
+pub(crate) struct Entrant {
+    pub(crate) rival: Rival,
     /// Time that went into finding the configuration: tuning, or asking for a prediction.
-    pub setup_ms: f64,
+    pub(crate) setup_ms: f64,
+    /// Where the configuration comes from, in words.
+    pub(crate) origin: String,
 }
 
 /// The plan of a comparison.
 #[derive(Clone, Copy, Debug)]
-pub struct ComparisonPlan {
-    /// The rendered view; its seed is the first run's.
-    pub view: View,
-    /// Number of independent runs.
-    pub runs: u32,
+pub(crate) struct ComparisonPlan {
+    /// Its seed is the first run's.
+    pub(crate) view: View,
+    pub(crate) runs: u32,
     /// Time that each contender gets in each run for building and rendering.
-    pub budget_ms: f64,
-    /// Most samples a pixel.
-    pub samples_max: u32,
+    pub(crate) budget_ms: f64,
+    pub(crate) samples_max: u32,
 }
 
 /// A contender's picture after some time.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct Point {
-    /// Samples a pixel.
-    pub samples: u32,
-    /// Time spent rendering them.
-    pub render_ms: f64,
+pub(crate) struct Point {
+    pub(crate) samples: u32,
+    pub(crate) render_ms: f64,
     /// Relative mean squared error, the reference's own included.
-    pub relative_mse: f64,
+    pub(crate) relative_mse: f64,
 }
 
 /// One run of one contender.
 #[derive(Clone, Debug, Serialize)]
-pub struct Run {
-    /// Seed of its samples.
-    pub seed: u64,
-    /// Building the structure.
-    pub build_ms: f64,
+pub(crate) struct Run {
+    pub(crate) seed: u64,
+    pub(crate) build_ms: f64,
     /// At powers of √2 samples.
-    pub points: Vec<Point>,
+    pub(crate) points: Vec<Point>,
     /// When the time was up.
-    pub end: Point,
+    pub(crate) end: Point,
 }
 
 impl Run {
     /// All points in order of time.
-    pub fn all_points(&self) -> impl Iterator<Item = &Point> {
+    pub(crate) fn all_points(&self) -> impl Iterator<Item = &Point> {
         let last = self.points.last().map(|point| point.samples);
         self.points.iter().chain(Some(&self.end).filter(move |end| last != Some(end.samples)))
     }
 }
 
-/// All runs of one contender.
 #[derive(Clone, Debug, Serialize)]
-pub struct Curve {
-    /// The contender.
+pub(crate) struct Curve {
     #[serde(rename = "name")]
-    pub who: Who,
-    /// The structure and the way to render with it.
-    pub choice: Choice,
-    /// Time that went into finding the configuration.
-    pub setup_ms: f64,
-    /// Independent runs.
-    pub runs: Vec<Run>,
+    pub(crate) who: Who,
+    pub(crate) choice: Choice,
+    pub(crate) setup_ms: f64,
+    pub(crate) runs: Vec<Run>,
     /// Why there is nothing, if the structure cannot be built.
-    pub failure: Option<String>,
+    pub(crate) failure: Option<String>,
 }
 
-/// The progress of a comparison.
 #[derive(Clone, Copy, Debug)]
-pub struct Progress {
+pub(crate) struct Progress {
     /// The run, counted from 0.
-    pub run: u32,
+    pub(crate) run: u32,
     /// The share of it that is done, 0 to 1.
-    pub share: f64,
+    pub(crate) share: f64,
 }
 
 /// Compares the entrants after a warming round. `go_on` is asked before each frame; no ends it.
-pub fn compare(
+pub(crate) fn compare(
     renderer: &mut Renderer,
     entrants: &[Entrant],
     plan: &ComparisonPlan,
@@ -103,7 +91,7 @@ pub fn compare(
 ) -> Vec<Curve> {
     let mut curves: Vec<Curve> = entrants
         .iter()
-        .map(|Entrant { contender, setup_ms }| Curve {
+        .map(|Entrant { rival: Rival { contender, .. }, setup_ms, .. }| Curve {
             who: contender.who.clone(),
             choice: contender.choice,
             setup_ms: *setup_ms,
@@ -239,6 +227,7 @@ mod tests {
 
     use super::*;
     use crate::{converge::reference::Reference, converge::testing::matt_scene};
+    use treewright_renderer::measure::Contender;
 
     #[test]
     fn checkpoints_are_powers_of_the_root_of_two() {
@@ -250,9 +239,9 @@ mod tests {
     fn contenders_have_the_same_pictures_at_their_own_times() {
         let (mut renderer, view) = matt_scene();
         let low = NativeOptions { quality: NativeQuality::Low, ..NativeOptions::default() };
-        let entrant = |name: &'static str, build: BuildChoice, setup_ms| Entrant {
-            contender: Contender { who: Who::Named(name.into()), choice: build.into() },
-            setup_ms,
+        let entrant = |name: &'static str, build: BuildChoice, setup_ms| {
+            let contender = Contender { who: Who::Named(name.into()), choice: build.into() };
+            Entrant { rival: contender.into(), setup_ms, origin: String::new() }
         };
         let impossible = TreeParameters { branching_factor: 3, ..TreeParameters::default() };
         let entrants = [
@@ -260,7 +249,7 @@ mod tests {
             entrant("native", BuildChoice::Native(low), 1e9),
             entrant("impossible", BuildChoice::Tree(impossible), 0.0),
         ];
-        let structure = renderer.build(&entrants[0].contender.choice.build).expect("it can be built").0;
+        let structure = renderer.build(&entrants[0].rival.contender.choice.build).expect("it can be built").0;
         let options = RenderOptions::default();
         let reference = Reference::rendered(&renderer, &structure, &view, &options, [24, 16], 512, || true);
         let yardstick = Yardstick::new(reference.picture());

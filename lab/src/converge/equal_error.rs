@@ -14,46 +14,41 @@ use treewright_renderer::tuning::who::{NATIVE_DEFAULT, Who};
 /// After how many samples of the baseline its error is asked for, besides the error that all reach at last.
 const SAMPLES: [u32; 3] = [1, 8, 64];
 /// Whom all others are compared with.
-pub const BASELINES: [Who; 2] = [NATIVE_DEFAULT, Who::PaperDefault];
+pub(crate) const BASELINES: [Who; 2] = [NATIVE_DEFAULT, Who::PaperDefault];
 
 /// The times of two contenders to one error.
 #[derive(Clone, Debug, Serialize)]
-pub struct EqualError {
+pub(crate) struct EqualError {
     /// The baseline's samples with this error; absent for the least error that all reach in every run.
-    pub samples: Option<u32>,
+    pub(crate) samples: Option<u32>,
     /// The error's mean over the runs.
-    pub relative_mse: f64,
-    /// Each contender that can be built.
-    pub rows: Vec<Row>,
+    pub(crate) relative_mse: f64,
+    pub(crate) rows: Vec<Row>,
 }
 
 /// One contender's way to an error.
 #[derive(Clone, Debug, Serialize)]
-pub struct Row {
-    /// The contender.
+pub(crate) struct Row {
     #[serde(rename = "name")]
-    pub who: Who,
+    pub(crate) who: Who,
     /// Build and rendering until the error is reached; geometric mean over runs.
-    pub time_ms: Interval,
+    pub(crate) time_ms: Interval,
     /// The time, including the search for the configuration before.
-    pub time_with_setup_ms: Interval,
-    /// Against each baseline.
-    pub speedups: Vec<Speedup>,
+    pub(crate) time_with_setup_ms: Interval,
+    pub(crate) speedups: Vec<Speedup>,
 }
 
-/// A baseline's time over the contender's.
+/// A baseline's time over the contender's, with the configuration known from the start.
 #[derive(Clone, Debug, Serialize)]
-pub struct Speedup {
-    /// The baseline.
-    pub over: Who,
-    /// With the configuration known from the start.
-    pub ratio: Interval,
+pub(crate) struct Speedup {
+    pub(crate) over: Who,
+    pub(crate) ratio: Interval,
     /// With the time to find it counted.
-    pub ratio_with_setup: Interval,
+    pub(crate) ratio_with_setup: Interval,
 }
 
 /// Compares the curves. The first of the baselines says which errors are asked for.
-pub fn equal_error(curves: &[Curve], baselines: &[Who]) -> Vec<EqualError> {
+pub(crate) fn equal_error(curves: &[Curve], baselines: &[Who]) -> Vec<EqualError> {
     let built: Vec<&Curve> = curves.iter().filter(|curve| !curve.runs.is_empty()).collect();
     let find = |who: &Who| built.iter().copied().find(|curve| curve.who == *who);
     let bases: Vec<&Curve> = baselines.iter().filter_map(find).collect();
@@ -114,7 +109,7 @@ fn geometric_mean(logs: &[f64]) -> Option<Interval> {
 }
 
 /// Build and rendering until a run's error is down to this for good, interpolated logarithmically.
-pub fn time_to(run: &Run, error: f64) -> Option<f64> {
+pub(crate) fn time_to(run: &Run, error: f64) -> Option<f64> {
     let points: Vec<_> = run.all_points().collect();
     let after = points.iter().rposition(|point| point.relative_mse > error).map_or(0, |last| last + 1);
     let reached = points.get(after)?;

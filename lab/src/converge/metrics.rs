@@ -11,15 +11,14 @@ const EPSILON: f64 = 0.01;
 
 /// Compares pictures with one reference. What depends on the reference alone is computed once.
 #[derive(Clone, Debug)]
-pub struct Yardstick {
+pub(crate) struct Yardstick {
     reference: Picture,
     /// One over what a pixel's squared error is divided by, for each channel.
     weights: Vec<[f64; 3]>,
 }
 
 impl Yardstick {
-    /// Compares with this reference.
-    pub fn new(reference: Picture) -> Self {
+    pub(crate) fn new(reference: Picture) -> Self {
         let mean = reference.mean_luminance();
         // A black reference has no brightness to be relative to.
         let floor = (EPSILON * mean * mean).max(f64::MIN_POSITIVE.sqrt());
@@ -28,16 +27,12 @@ impl Yardstick {
         Self { reference, weights }
     }
 
-    /// The reference.
-    pub fn reference(&self) -> &Picture {
+    pub(crate) fn reference(&self) -> &Picture {
         &self.reference
     }
 
     /// Mean over pixels and channels of the squared error over the squared reference. 0 for equal pictures.
-    ///
-    /// # Panics
-    /// If the sizes differ.
-    pub fn relative_mse(&self, picture: &Picture) -> f64 {
+    pub(crate) fn relative_mse(&self, picture: &Picture) -> f64 {
         self.check(picture);
         self.mean_weighted(|index, channel| {
             f64::from(picture.pixels[index][channel]) - f64::from(self.reference.pixels[index][channel])

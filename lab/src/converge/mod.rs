@@ -15,11 +15,11 @@
 //! | `results` | all results, for JSON |
 
 pub mod bootstrap;
-pub mod curve;
-pub mod equal_error;
-pub mod metrics;
-pub mod reference;
-pub mod results;
+pub(crate) mod curve;
+pub(crate) mod equal_error;
+pub(crate) mod metrics;
+pub(crate) mod reference;
+pub(crate) mod results;
 
 #[cfg(test)]
 mod testing {

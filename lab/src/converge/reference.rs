@@ -12,11 +12,10 @@ use treewright_renderer::{frame::Renderer, integrator::View, render_options::Ren
 use super::metrics::Yardstick;
 
 /// Errors below the floor times this are not trusted.
-pub const TRUSTED_FROM: f64 = 2.0;
+pub(crate) const TRUSTED_FROM: f64 = 2.0;
 
-/// A converged picture.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Reference {
+pub(crate) struct Reference {
     /// Samples a pixel of each of the halves.
     samples_each: u32,
     /// Two independent pictures.
@@ -25,7 +24,7 @@ pub struct Reference {
 
 impl Reference {
     /// Renders at least `samples` a pixel unless `go_on` says no. No contender has the picture's seeds.
-    pub fn rendered(
+    pub(crate) fn rendered(
         renderer: &Renderer,
         structure: &Structure,
         view: &View,
@@ -45,23 +44,19 @@ impl Reference {
         Self { samples_each: films[0].samples(), halves: films.map(|film| film.picture()) }
     }
 
-    /// Samples a pixel of the reference.
-    pub fn samples(&self) -> u32 {
+    pub(crate) fn samples(&self) -> u32 {
         self.samples_each * 2
     }
 
     /// The best picture there is: the mean of both halves.
-    pub fn picture(&self) -> Picture {
+    pub(crate) fn picture(&self) -> Picture {
         let [first, second] = &self.halves;
         let pixels = first.pixels.iter().zip(&second.pixels).map(|(&a, &b)| (a + b) * 0.5).collect();
         Picture { pixels, ..*first }
     }
 
     /// The reference's own relative mean squared error, estimated from its halves.
-    ///
-    /// # Panics
-    /// If the yardstick is of another size.
-    pub fn floor(&self, yardstick: &Yardstick) -> f64 {
+    pub(crate) fn floor(&self, yardstick: &Yardstick) -> f64 {
         let [first, second] = &self.halves;
         yardstick.mean_weighted(|pixel, channel| {
             0.5 * (f64::from(first.pixels[pixel][channel]) - f64::from(second.pixels[pixel][channel]))

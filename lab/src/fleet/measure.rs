@@ -5,7 +5,7 @@ use std::{borrow::Cow, collections::BTreeMap, collections::btree_map::Entry};
 use treewright_client::Options;
 use treewright_client::blocking::{Client, Study};
 use treewright_render_cli::error::Result;
-use treewright_renderer::{tuning::objective::Objective, tuning::who::Who};
+use treewright_renderer::{tuning::objective::Objective, tuning::verdict::Rival, tuning::who::Who};
 
 use super::machines::{Level, Machine};
 use super::record::{At, Conditions, Record};
@@ -103,7 +103,7 @@ impl Node<'_> {
         entrants.extend(found.map(|found| (OWN_SEARCH, found.clone())));
         let mut rivals = hand::native_default();
         for (who, configuration) in entrants {
-            rivals.push(hand::rival(who, &space, configuration)?);
+            rivals.push(Rival::of(who, &space, configuration)?);
         }
         Ok(stage.rounds(rivals, OBJECTIVE, rounds))
     }

@@ -36,14 +36,8 @@ const TOTAL: [&str; 11] = [
     "backend=tunable,quality=2,block_width=8,min_leaf_size=25,max_leaf_size=32,sah_block_size=8",
 ];
 
-pub(crate) fn rival(who: Who, space: &TuningSpace, configuration: Configuration) -> Result<Rival> {
-    let contender = verdict::contender(who, space, &configuration)?;
-    Ok(Rival { contender, configuration: Some(configuration) })
-}
-
 pub(crate) fn native_default() -> Vec<Rival> {
-    let natives = verdict::natives().into_iter().filter(|one| one.who == NATIVE_DEFAULT);
-    natives.map(|contender| Rival { contender, configuration: None }).collect()
+    verdict::natives().into_iter().filter(|one| one.who == NATIVE_DEFAULT).map(Rival::from).collect()
 }
 
 /// Native Embree as everybody uses it and used well.
@@ -70,7 +64,7 @@ pub(crate) fn rivals(space: &TuningSpace, objective: Objective) -> Result<Vec<Ri
 pub(crate) fn push(all: &mut Vec<Rival>, space: &TuningSpace, configuration: Configuration) -> Result<()> {
     if all.iter().all(|rival| rival.configuration.as_ref() != Some(&configuration)) {
         let who = Who::Named(configuration.to_string().into());
-        all.push(rival(who, space, configuration)?);
+        all.push(Rival::of(who, space, configuration)?);
     }
     Ok(())
 }

@@ -102,7 +102,7 @@ impl Stage {
         let best = ["fastest 1", "fastest 2"].into_iter().zip(ranked);
         entrants.extend(best.map(|(place, (configuration, _))| (Who::Named(place.into()), configuration)));
         for (who, configuration) in entrants {
-            all.push(hand::rival(who, &space, configuration)?);
+            all.push(Rival::of(who, &space, configuration)?);
         }
         Ok(Some(self.rounds(all, objective, rounds)))
     }

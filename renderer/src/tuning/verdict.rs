@@ -24,6 +24,34 @@ pub struct Rival {
     pub configuration: Option<Configuration>,
 }
 
+impl From<Contender> for Rival {
+    /// One outside of the searched space.
+    fn from(contender: Contender) -> Self {
+        Self { contender, configuration: None }
+    }
+}
+
+impl Rival {
+    /// A configuration of a space.
+    ///
+    /// # Errors
+    /// It is none of that space.
+    pub fn of(
+        who: Who,
+        space: &TuningSpace,
+        configuration: Configuration,
+    ) -> Result<Self, ConfigurationError> {
+        let contender = contender(who, space, &configuration)?;
+        Ok(Self { contender, configuration: Some(configuration) })
+    }
+
+    /// The configuration that a space begins at.
+    fn at_start(who: Who, space: &TuningSpace) -> Self {
+        let configuration = Some(space.default_configuration());
+        Self { contender: named(who, space.default_choice()), configuration }
+    }
+}
+
 /// The baseline of a run in a space.
 pub fn baseline(preset: Preset) -> Contender {
     match preset {
@@ -59,24 +87,20 @@ pub fn used_well(full: &TuningSpace) -> Vec<Rival> {
 
 /// A variant of native Embree used well; `None` where the space has no such configuration.
 fn native_use(space: &TuningSpace, given: &Configuration, variant: NativeUse) -> Option<Rival> {
-    let configuration = space.complete(given).ok()?;
-    let contender = contender(Who::UsedWellIn(variant), space, &configuration).ok()?;
-    Some(Rival { contender, configuration: Some(configuration) })
+    Rival::of(Who::UsedWellIn(variant), space, space.complete(given).ok()?).ok()
 }
 
 /// All rivals of the search's best. `premises` are those of the scene.
 pub fn rivals(space: &TuningSpace, premises: &Premises, start: &Start) -> Vec<Rival> {
-    let outside = |contender| Rival { contender, configuration: None };
     match space.preset() {
         Preset::Light => return light_rivals(space, start),
         Preset::Follow => return follow_rivals(space, start),
         Preset::Full | Preset::Paper => {}
     }
-    let mut all: Vec<Rival> = natives().into_iter().map(outside).collect();
+    let mut all: Vec<Rival> = natives().map(Rival::from).into();
     let full = TuningSpace::new(Preset::Full, premises);
     let mut own = used_well(&full);
-    let fixed = full.default_configuration();
-    own.push(Rival { contender: named(Who::BestFixed, full.default_choice()), configuration: Some(fixed) });
+    own.push(Rival::at_start(Who::BestFixed, &full));
     if space.preset() != Preset::Full {
         own.iter_mut().for_each(|rival| rival.configuration = None);
     }
@@ -95,8 +119,7 @@ pub fn rivals(space: &TuningSpace, premises: &Premises, start: &Start) -> Vec<Ri
     }
     all.extend(own);
     if matches!(start, Start::Own(_)) {
-        let contender = named(Who::YourStart, space.default_choice());
-        all.push(Rival { contender, configuration: Some(space.default_configuration()) });
+        all.push(Rival::at_start(Who::YourStart, space));
     }
     all
 }
@@ -106,24 +129,22 @@ pub fn for_stills(objective: Objective, space: &TuningSpace, premises: &Premises
     let is_asked = matches!(objective, Objective::Auto(_)) && space.preset() == Preset::Full;
     let stills = TuningSpace::new(Preset::Full, &Premises { builds_each_frame: false, ..*premises });
     let configuration = space.complete(&stills.default_configuration()).ok().filter(|_| is_asked)?;
-    let contender = contender(Who::ForStills, space, &configuration).ok()?;
-    Some(Rival { contender, configuration: Some(configuration) })
+    Rival::of(Who::ForStills, space, configuration).ok()
 }
 
 /// The rivals of light sampling: two trees with the renderer's constants, and the recommendation.
 fn light_rivals(space: &TuningSpace, start: &Start) -> Vec<Rival> {
-    let own = |name, choice| Rival { contender: named(name, choice), configuration: None };
     let untuned = Choice { light: LightSampling::default(), ..space.default_choice() };
     vec![
-        own(NATIVE_DEFAULT, Choice::native(NativeQuality::Medium)),
-        own(Who::PlainLight, untuned),
+        named(NATIVE_DEFAULT, Choice::native(NativeQuality::Medium)).into(),
+        named(Who::PlainLight, untuned).into(),
         own_start(space, start),
     ]
 }
 
 /// The rivals of ways to follow: Embree rebuilt, path by path or well, or fitted; the recommendation.
 fn follow_rivals(space: &TuningSpace, start: &Start) -> Vec<Rival> {
-    let [_, low, default, _] = natives().map(|contender| Rival { contender, configuration: None });
+    let [_, low, default, _] = natives().map(Rival::from);
     let qualities = [NativeQuality::Low, NativeQuality::Medium];
     let uses = [1, 64].into_iter().flat_map(|period| qualities.map(|quality| (quality, period)));
     let used_well = uses.filter_map(|(quality, period)| {
@@ -135,8 +156,7 @@ fn follow_rivals(space: &TuningSpace, start: &Start) -> Vec<Rival> {
 
 fn own_start(space: &TuningSpace, start: &Start) -> Rival {
     let who = if matches!(start, Start::Own(_)) { Who::YourStart } else { Who::BestFixed };
-    let configuration = Some(space.default_configuration());
-    Rival { contender: named(who, space.default_choice()), configuration }
+    Rival::at_start(who, space)
 }
 
 /// Whether a user who begins at `start` has a rival without any search.

@@ -241,9 +241,7 @@ fn with_names(candidates: Vec<Configuration>, space: &TuningSpace) -> Result<Vec
     let named = candidates.into_iter().map(|candidate| {
         let configuration = space.complete(&candidate)?;
         note_retired(space, &candidate);
-        let who = Who::Named(configuration.to_string().into());
-        let contender = verdict::contender(who, space, &configuration)?;
-        Ok(Rival { contender, configuration: Some(configuration) })
+        Ok(Rival::of(Who::Named(configuration.to_string().into()), space, configuration)?)
     });
     named.collect()
 }
