@@ -481,11 +481,6 @@ impl Renderer {
         let all: Option<Vec<f64>> = self.delays.iter().map(RunQueueDelay::read_ms).collect();
         all.filter(|all| !all.is_empty()).map(|all| all.iter().sum())
     }
-
-    /// Runs something on the render threads.
-    pub fn install<R: Send>(&self, work: impl FnOnce() -> R + Send) -> R {
-        self.pool.install(work)
-    }
 }
 
 /// Pilot frames, to be compiled for each kind of structure.

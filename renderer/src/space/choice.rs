@@ -6,7 +6,7 @@ use treewright_accel::{BuildChoice, NativeOptions, NativeQuality, Packets, Quali
 use treewright_client::{Configuration, Value};
 
 use super::follow::{self, KeptTree};
-use super::{Backend, Premises};
+use super::{Premises, TUNABLE};
 use crate::{follow::NEVER, light_sampling::LightSampling, render_options::RenderOptions};
 
 /// The structure to build, and the way to render with it.
@@ -99,7 +99,7 @@ pub(super) fn of_follow(complete: &Configuration, base: &Choice, premises: &Prem
 
 pub(super) fn of_full(complete: &Configuration, robust: bool) -> Choice {
     let values = Values(complete);
-    let tunable = values.text("backend") == Some(Backend::Tunable.name());
+    let tunable = values.text("backend") == Some(TUNABLE);
     let build = if tunable { BuildChoice::Tree(values.tree(robust)) } else { values.native(robust) };
     let staged = values.boolean("staged");
     // Path by path there are no rays that could take turns.

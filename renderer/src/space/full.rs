@@ -33,14 +33,14 @@
 //! 1.11 in the geometric mean).
 
 use super::explained::{Explained, boolean, choice, float, integer};
-use super::{Backend, Premises};
+use super::{NATIVE, Premises, TUNABLE};
 
 /// The parameters, those of the builds first.
 pub(super) fn parameters(premises: &Premises) -> Vec<Explained> {
     let mut all = vec![choice(
         "backend",
-        [Backend::Native.name(), Backend::Tunable.name()],
-        Backend::Tunable.name(),
+        [NATIVE, TUNABLE],
+        TUNABLE,
         "whose tree: Embree's own ready-made one, or the tunable one",
     )];
     all.extend(native(premises));
@@ -57,7 +57,7 @@ pub(super) fn parameters(premises: &Premises) -> Vec<Explained> {
             4,
             "in stages, how many rays from the second bounce on take turns, so that they wait for memory together",
         )
-        .only_while("backend", [Backend::Tunable.name()]),
+        .only_while("backend", [TUNABLE]),
     );
     all
 }
@@ -75,7 +75,7 @@ fn native(premises: &Premises) -> Vec<Explained> {
         default,
         "how carefully Embree builds: low by Morton codes, medium by the surface area heuristic, high also splits triangles",
     );
-    let mut all = vec![quality.only_while("backend", [Backend::Native.name()])];
+    let mut all = vec![quality.only_while("backend", [NATIVE])];
     if !premises.robust {
         let high = |one: Explained| one.only_while("native_quality", ["high"]);
         all.push(high(choice(
@@ -90,7 +90,7 @@ fn native(premises: &Premises) -> Vec<Explained> {
 }
 
 fn tunable(premises: &Premises) -> Vec<Explained> {
-    let tunable = |one: Explained| one.only_while("backend", [Backend::Tunable.name()]);
+    let tunable = |one: Explained| one.only_while("backend", [TUNABLE]);
     let sah = |one: Explained| one.only_while("quality", [2, 3]);
     let each_frame = premises.builds_each_frame;
     let quality = if each_frame { 1 } else { 2 };

@@ -69,20 +69,8 @@ impl Preset {
 }
 
 /// Values of the full space's parameter `backend`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Backend {
-    Native,
-    Tunable,
-}
-
-impl Backend {
-    fn name(self) -> &'static str {
-        match self {
-            Self::Native => "native",
-            Self::Tunable => "tunable",
-        }
-    }
-}
+const NATIVE: &str = "native";
+const TUNABLE: &str = "tunable";
 
 /// The facts that decide which parameters the full space has, and where its search begins.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

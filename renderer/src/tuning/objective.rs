@@ -7,30 +7,13 @@ use super::workload;
 use crate::space::{Preset, TuningSpace};
 use crate::{frame::FrameTimes, noise::HALF_SAMPLES};
 
-/// Name of the measurement of a build, in milliseconds.
-pub const BUILD_MS: &str = "build_ms";
-/// Name of the measurement of a frame, in milliseconds.
-pub const RENDER_MS: &str = "render_ms";
-/// Name of the time to an error, in milliseconds: see [`Objective::Error`].
-pub const ERROR_MS: &str = "error_ms";
-/// Name of the picture's mean relative variance, from which the time to an error follows.
-pub const RELATIVE_VARIANCE: &str = "relative_variance";
-/// Name of how many times as long frames took in the second half of an episode as in its first.
-pub const TREND: &str = "trend";
-/// Name of the processor time of a build, of all threads together, in milliseconds.
-pub const BUILD_CPU_MS: &str = "build_cpu_ms";
-/// Name of the processor time of a frame, of all render threads together, in milliseconds.
-pub const RENDER_CPU_MS: &str = "render_cpu_ms";
-/// Name of the time that all threads together waited for a processor during a build, in milliseconds.
-pub const BUILD_DELAY_MS: &str = "build_delay_ms";
-/// Name of the time that the render threads together waited for a processor during a frame, in milliseconds.
-pub const RENDER_DELAY_MS: &str = "render_delay_ms";
-/// Name of the minimised milliseconds without waiting: it explains what other programs cost.
-pub const UNDELAYED_MS: &str = "undelayed_ms";
-/// Name of how many trials a structure had served before, where it was used again.
-pub const TRIALS_BEFORE: &str = "trials_before";
-/// Name of the structure's bytes, which no study declares: it does not explain other programs.
-pub const STRUCTURE_BYTES: &str = "structure_bytes";
+// Metrics of studies, in milliseconds: a build, a frame, a frame with its true share of a build, the time to
+// an error, and the cost without waiting, which explains what other programs cost.
+const BUILD_MS: &str = "build_ms";
+const RENDER_MS: &str = "render_ms";
+const FRAME_MS: &str = "frame_ms";
+const ERROR_MS: &str = "error_ms";
+const UNDELAYED_MS: &str = "undelayed_ms";
 /// Number of frames that share a build in progressive rendering.
 const PROGRESSIVE_FRAMES_PER_BUILD: u32 = 1000;
 /// Seed of every random decision in these studies: a part of their definition, for all clients.
@@ -171,9 +154,6 @@ pub fn specification(
     Ok(builder.auxiliary(UNDELAYED_MS).build()?)
 }
 
-/// Name of the measurement of a frame with the share of its build that is true at the time, in milliseconds.
-pub const FRAME_MS: &str = "frame_ms";
-
 /// Cost of a frame with its share of a build in milliseconds, times the frames to the error if noisy.
 pub fn frame_cost(times: FrameTimes, frames_per_build: u32) -> f64 {
     let frame_ms = times.build_ms / f64::from(frames_per_build) + times.render_ms;
@@ -196,44 +176,36 @@ pub fn space_in_ids(space: &TuningSpace) -> String {
 
 /// The measurements of a trial of `frames` frames for an objective; noise has its standard error.
 pub fn measurements(times: Option<FrameTimes>, frames: u32, objective: Objective) -> Measurements {
-    match times {
-        Some(times) => {
-            let undelayed_ms = objective.cost(times.undelayed());
-            let known = [
-                (BUILD_CPU_MS, times.build_cpu_ms),
-                (RENDER_CPU_MS, times.render_cpu_ms),
-                (BUILD_DELAY_MS, times.build_delay_ms),
-                (RENDER_DELAY_MS, times.render_delay_ms),
-            ];
-            let known = known.into_iter().filter_map(|(name, value)| Some((name, value?)));
-            let rendered = match objective {
-                Objective::Error => 2 * HALF_SAMPLES,
-                _ => times.frames.unwrap_or(frames),
-            };
-            let always = [
-                (BUILD_MS, times.build_ms),
-                (RENDER_MS, times.render_ms),
-                (UNDELAYED_MS, undelayed_ms),
-                ("frames", f64::from(rendered)),
-            ];
-            let reused = times.trials_before.map(|trials| (TRIALS_BEFORE, f64::from(trials)));
-            let noise = times.noise.into_iter().flat_map(|noise| {
-                [(ERROR_MS, objective.cost(times)), (RELATIVE_VARIANCE, noise.relative_variance)]
-            });
-            let trend = times.trend.map(|trend| (TREND, trend));
-            let bytes = times.structure_bytes.map(|bytes| (STRUCTURE_BYTES, bytes as f64));
-            let shared = matches!(objective, Objective::Auto(_)).then(|| (FRAME_MS, objective.cost(times)));
-            let some = [reused, trend, bytes, shared].into_iter().flatten();
-            let measured: Measurements = always.into_iter().chain(known).chain(some).chain(noise).collect();
-            let noise = times.noise.filter(|noise| noise.relative_variance > 0.0);
-            noise.into_iter().fold(measured, |measured, noise| {
-                let error_ms = objective.cost(times) * noise.standard_error / noise.relative_variance;
-                let measured = measured.with_standard_error(RELATIVE_VARIANCE, noise.standard_error);
-                measured.with_standard_error(ERROR_MS, error_ms)
-            })
-        }
-        None => Measurements::new(),
-    }
+    let Some(times) = times else { return Measurements::new() };
+    let cost_ms = objective.cost(times);
+    let rendered = match objective {
+        Objective::Error => 2 * HALF_SAMPLES,
+        _ => times.frames.unwrap_or(frames),
+    };
+    let all = [
+        (BUILD_MS, Some(times.build_ms)),
+        (RENDER_MS, Some(times.render_ms)),
+        (UNDELAYED_MS, Some(objective.cost(times.undelayed()))),
+        ("frames", Some(f64::from(rendered))),
+        ("build_cpu_ms", times.build_cpu_ms),
+        ("render_cpu_ms", times.render_cpu_ms),
+        ("build_delay_ms", times.build_delay_ms),
+        ("render_delay_ms", times.render_delay_ms),
+        ("trials_before", times.trials_before.map(f64::from)),
+        ("trend", times.trend),
+        // No study declares it: it does not explain other programs.
+        ("structure_bytes", times.structure_bytes.map(|bytes| bytes as f64)),
+        (FRAME_MS, matches!(objective, Objective::Auto(_)).then_some(cost_ms)),
+        (ERROR_MS, times.noise.map(|_| cost_ms)),
+        ("relative_variance", times.noise.map(|noise| noise.relative_variance)),
+    ];
+    let measured: Measurements = all.into_iter().filter_map(|(name, value)| Some((name, value?))).collect();
+    let noise = times.noise.filter(|noise| noise.relative_variance > 0.0);
+    noise.into_iter().fold(measured, |measured, noise| {
+        let error_ms = cost_ms * noise.standard_error / noise.relative_variance;
+        let measured = measured.with_standard_error("relative_variance", noise.standard_error);
+        measured.with_standard_error(ERROR_MS, error_ms)
+    })
 }
 
 #[cfg(test)]

@@ -13,20 +13,13 @@ use super::reuse::FRAMES_PER_BUILD_MAX;
 use crate::follow::MotionFacts;
 use crate::limits::{BOUNCES_MAX, EPISODE_FRAMES_MAX};
 
-/// Pixels of a frame.
-pub const PIXELS: &str = "pixels";
-/// Most bounces of a path.
-pub const BOUNCES: &str = "bounces";
-/// 1 where the scene has lights that shadow rays are sent to, else 0.
-pub const SHADOW_RAYS: &str = "shadow_rays";
-/// Share of triangles that move.
-pub const MOVING_SHARE: &str = "moving_share";
-/// Cost of a refitted tree after an episode over that of a fresh one.
-pub const COST_GROWTH: &str = "cost_growth";
-/// Frames of an episode.
-pub const EPISODE_FRAMES: &str = "episode_frames";
-/// Number of frames that share a build (see [`super::reuse`]).
-pub const FRAMES_PER_BUILD: &str = "frames_per_build";
+const PIXELS: &str = "pixels";
+const BOUNCES: &str = "bounces";
+const SHADOW_RAYS: &str = "shadow_rays";
+const MOVING_SHARE: &str = "moving_share";
+const COST_GROWTH: &str = "cost_growth";
+const EPISODE_FRAMES: &str = "episode_frames";
+const FRAMES_PER_BUILD: &str = "frames_per_build";
 
 /// The workload of a frame, beside its scene and camera.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -88,7 +81,7 @@ pub fn schema() -> impl Iterator<Item = (&'static str, f64, f64, Scale)> {
 }
 
 /// Names, ranges and scales of the indicators of a motion.
-pub fn motion_schema() -> [(&'static str, f64, f64, Scale); 3] {
+pub(super) fn motion_schema() -> [(&'static str, f64, f64, Scale); 3] {
     [
         (MOVING_SHARE, 0.0, 1.0, Scale::Linear),
         (COST_GROWTH, 1.0, 1e4, Scale::Log),
@@ -97,7 +90,7 @@ pub fn motion_schema() -> [(&'static str, f64, f64, Scale); 3] {
 }
 
 /// Name, range and scale of the number of frames that share a build.
-pub fn reuse_schema() -> (&'static str, f64, f64, Scale) {
+pub(super) fn reuse_schema() -> (&'static str, f64, f64, Scale) {
     (FRAMES_PER_BUILD, 1.0, f64::from(FRAMES_PER_BUILD_MAX), Scale::Log)
 }
 
