@@ -115,13 +115,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     }
 
     let results = ComparisonResults {
-        scene: SceneFacts {
-            name: scene.name.clone(),
-            triangles: scene.triangles.len(),
-            meshes: scene.meshes.len(),
-            left_out: renderer.needs().omissions(),
-            notes: scene.notes.clone(),
-        },
+        scene: SceneFacts::of(&scene, &renderer),
         size: [width, height],
         bounces: view.bounces,
         machine: machine().threads(u32::try_from(renderer.threads()).unwrap_or(u32::MAX)),

@@ -5,7 +5,7 @@ use std::{path::PathBuf, str::FromStr, sync::Arc};
 use clap::{Args, builder::TypedValueParser};
 use glam::DVec3;
 use treewright_accel::{BuildChoice, NativeOptions, NativeQuality};
-use treewright_client::{Configuration, Indicators};
+use treewright_client::Configuration;
 
 use crate::error::{CliError, Result};
 use crate::names::{number_within, one_of};
@@ -15,7 +15,6 @@ use treewright_renderer::limits::{BOUNCES_MAX, SIZE_MAX, THREADS_MAX};
 use treewright_renderer::space::{self, Choice, LightKinds, Premises, Preset, Start, TuningSpace};
 use treewright_renderer::{integrator::View, tuning::objective::Objective, tuning::workload::Workload};
 use treewright_scene::camera_path::CameraPath;
-use treewright_scene::indicators::SceneIndicators;
 use treewright_scene::limits::FOV_RANGE_DEG;
 use treewright_scene::{Camera, Placement, Scene};
 
@@ -357,11 +356,6 @@ pub fn read_configuration(path: &std::path::Path) -> Result<Configuration> {
         value = inner.clone();
     }
     serde_json::from_value(value).map_err(|error| wrong(error.to_string()))
-}
-
-/// The indicators of a view in the client's form.
-pub fn indicators(scene: &Scene, camera: &Camera) -> Indicators {
-    SceneIndicators::of(scene).with_camera(camera).values().into_iter().collect()
 }
 
 /// Reads an objective.

@@ -5,9 +5,10 @@ use treewright_client::{Configuration, Fingerprint, Indicators, Mode, OpenEnum, 
 
 use super::safety::{Safety, start_cost};
 use super::{objective::Objective, search::Iteration, verdict::Gains, who::Who};
+use crate::scene::Scene;
 use crate::space::{Explained, Preset};
 use crate::statistics::{BreakEven, Ratio, Summary, quantile};
-use crate::{disturbance::Disturbance, integrator::Omission, measure::Standing};
+use crate::{disturbance::Disturbance, frame::Renderer, integrator::Omission, measure::Standing};
 
 /// A finished run.
 #[derive(Clone, Debug, Serialize)]
@@ -99,6 +100,19 @@ pub struct SceneFacts {
     pub left_out: Vec<Omission>,
     /// Omissions and additions of the loader.
     pub notes: Vec<String>,
+}
+
+impl SceneFacts {
+    /// Of a scene that is rendered.
+    pub fn of(scene: &Scene, renderer: &Renderer) -> Self {
+        Self {
+            name: scene.name.clone(),
+            triangles: scene.triangles.len(),
+            meshes: scene.meshes.len(),
+            left_out: renderer.needs().omissions(),
+            notes: scene.notes.clone(),
+        }
+    }
 }
 
 /// The predictor's first answer on a fresh camera, measured against the default there.

@@ -4,12 +4,12 @@ use clap::Args;
 use serde::Serialize;
 use treewright_client::{Configuration, Constraint, Indicators};
 
-use crate::arguments::{CameraArguments, SceneArguments, SpaceArguments, indicators, objective};
+use crate::arguments::{CameraArguments, SceneArguments, SpaceArguments, objective};
 use crate::{error::Result, output};
 use treewright_renderer::integrator::{Omission, Prepared};
 use treewright_renderer::space::{Explained, Preset};
 use treewright_renderer::tuning::objective::Objective;
-use treewright_scene::builtin;
+use treewright_scene::{builtin, indicators::SceneIndicators};
 
 /// Arguments of `info`.
 #[derive(Args, Clone, Debug)]
@@ -96,7 +96,7 @@ pub(crate) fn info(arguments: &InfoArguments) -> Result<()> {
         punctual_lights: scene.lights.len(),
         bounds_min: bounds.min.into(),
         bounds_max: bounds.max.into(),
-        indicators: indicators(&scene, &camera),
+        indicators: SceneIndicators::of(&scene).with_camera(&camera).values().into_iter().collect(),
         notes: scene.notes.clone(),
     };
     if arguments.json {

@@ -9,7 +9,7 @@
 
 use std::{path::PathBuf, sync::Arc, time::Instant};
 
-use clap::{Args, ValueEnum};
+use clap::{Args, builder::TypedValueParser};
 use serde::Serialize;
 use treewright_accel::{BuildError, Structure, Update};
 use treewright_client::{
@@ -18,7 +18,7 @@ use treewright_client::{
 
 use crate::arguments::{FrameArguments, SceneArguments, Size, SpaceArguments, StartArguments, unit_interval};
 use crate::error::{CliError, Result, write_file};
-use crate::{interrupt::Interrupt, output, server::ServerArguments};
+use crate::{interrupt::Interrupt, names::one_of, output, server::ServerArguments};
 use treewright_renderer::frame::{FrameTimes, Renderer, milliseconds};
 use treewright_renderer::scheduling::{ThreadTimes, of_process};
 use treewright_renderer::space::{Choice, Preset, Start, TuningSpace};
@@ -45,8 +45,8 @@ pub(crate) struct Arguments {
     start: StartArguments,
 
     /// Objective to minimise; with the space, this selects the study.
-    #[arg(long, value_enum, default_value_t = Aim::Render)]
-    objective: Aim,
+    #[arg(long, value_parser = aim(), default_value = Objective::Render.name())]
+    objective: Objective,
 
     /// Number of frames of the flight.
     #[arg(long, value_name = "N", default_value_t = 50, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..=i64::from(ITERATIONS_MAX)))]
@@ -83,27 +83,21 @@ pub(crate) struct Arguments {
     json: Option<PathBuf>,
 }
 
-/// The objective of a flight.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, ValueEnum)]
-#[serde(rename_all = "snake_case")]
-enum Aim {
-    /// The render time: a structure serves a thousand frames.
-    Render,
-    /// Build and render time together: a structure serves one frame.
-    Total,
-    /// Whatever is true: how many frames a structure serves is estimated from what changes.
-    Auto,
+fn aim() -> impl TypedValueParser<Value = Objective> {
+    one_of([
+        (Objective::Render, "render", "The render time: a structure serves a thousand frames"),
+        (Objective::Total, "total", "Build and render time together: a structure serves one frame"),
+        (
+            Objective::Auto(1),
+            "auto",
+            "Whatever is true: how many frames a structure serves is estimated from what changes",
+        ),
+    ])
 }
 
-impl Aim {
-    /// The objective, with the present estimate of the frames that share a build.
-    fn objective(self, reuse: &Reuse) -> Objective {
-        match self {
-            Self::Render => Objective::Render,
-            Self::Total => Objective::Total,
-            Self::Auto => Objective::Auto(reuse.frames_per_build()),
-        }
-    }
+/// The objective of a flight, with the present estimate of the frames that share a build.
+fn at_present(aim: Objective, reuse: &Reuse) -> Objective {
+    if matches!(aim, Objective::Auto(_)) { Objective::Auto(reuse.frames_per_build()) } else { aim }
 }
 
 /// One frame of the flight.
@@ -138,7 +132,7 @@ impl PlayedFrame {
 struct FlightResults {
     scene: String,
     study: String,
-    objective: Aim,
+    objective: &'static str,
     /// Name of what frames are compared with.
     baseline: String,
     /// Frames that cost more than with the baseline; absent where they were not compared.
@@ -156,7 +150,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let scene = arguments.scene.load()?;
     let renderer = arguments.frame.renderer(&scene)?;
     let mut reuse = Reuse::default();
-    let objective = arguments.objective.objective(&reuse);
+    let objective = at_present(arguments.objective, &reuse);
     let space = arguments.space.of(&scene, objective)?;
     let (start, space) = arguments.start.of(&space)?;
     let made = || study_of_flight(objective, &space, &start, moves);
@@ -195,9 +189,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         }
         flight.moved = flight.moment.is_some();
         reuse.frame(moved);
-        let objective = arguments.objective.objective(&reuse);
+        let objective = at_present(arguments.objective, &reuse);
         let frames_per_build = objective.frames_per_build();
-        workload.frames_per_build = (arguments.objective == Aim::Auto).then_some(frames_per_build);
+        workload.frames_per_build = matches!(objective, Objective::Auto(_)).then_some(frames_per_build);
         let indicators = workload.state(&scene_indicators.with_camera(&camera));
         // Where the camera will be is known, and of a scene that moves that it will not have moved far.
         let next_share = (number + 1) as f32 / (arguments.frames - 1).max(1) as f32;
@@ -238,7 +232,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         let results = FlightResults {
             scene: scene.name.clone(),
             study: id,
-            objective: arguments.objective,
+            objective: arguments.objective.name(),
             baseline: baseline.who.to_string(),
             safety: safety(&frames),
             frames,
@@ -294,7 +288,7 @@ impl Flight {
         let built = renderer.build(&baseline.build)?;
         // Warms threads, caches and clocks.
         renderer.render_with(&built.0, &view, &baseline.render, &mut film);
-        let each_frame = arguments.objective == Aim::Total;
+        let each_frame = arguments.objective == Objective::Total;
         let compared = arguments.compare.then_some(built);
         Ok(Self {
             renderer,

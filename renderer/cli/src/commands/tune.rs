@@ -172,7 +172,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let confirming = found.trials.len() - searched;
     notes.push(format!("{searched} trials searched, and {confirming} more ran the best few in turns"));
     let results = TuningResults {
-        scene: facts(&scene, &renderer),
+        scene: SceneFacts::of(&scene, &renderer),
         size: [arguments.view.size.width, arguments.view.size.height],
         frames_per_trial: arguments.frames(),
         objective: arguments.objective,
@@ -423,15 +423,5 @@ impl Judge<'_> {
             answer_ms,
             standings: verdict::keep_best_native(standings(&measured, conditions.frames_per_build)),
         }))
-    }
-}
-
-fn facts(scene: &Scene, renderer: &Renderer) -> SceneFacts {
-    SceneFacts {
-        name: scene.name.clone(),
-        triangles: scene.triangles.len(),
-        meshes: scene.meshes.len(),
-        left_out: renderer.needs().omissions(),
-        notes: scene.notes.clone(),
     }
 }

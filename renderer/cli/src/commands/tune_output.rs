@@ -1,7 +1,5 @@
 //! The output of `tune` at the end: the table, and a few sentences that explain it.
 
-use treewright_client::Standing as Proof;
-
 use crate::output;
 use crate::report::{parts, session};
 use treewright_renderer::measure::Standing;
@@ -27,7 +25,7 @@ pub(crate) fn print(results: &TuningResults) {
         println!("{way}");
     }
     if let Some(standing) = &results.confirmation {
-        println!("{}", confirmation(standing));
+        println!("confirmation by the service, beside the start as its default: {}", standing.sentence());
     }
     println!("recommended configuration: {}", results.tuned);
     if let Some(prediction) = &results.prediction {
@@ -124,40 +122,4 @@ fn whole_session(results: &TuningResults) -> Option<String> {
     (!ratios.is_empty()).then(|| {
         format!("time of the whole session, with {baseline} from the first frame = 1: {}", ratios.join(", "))
     })
-}
-
-/// The result of the service's own race of the best few against the start.
-fn confirmation(standing: &Proof) -> String {
-    format!("confirmation by the service, beside the start as its default: {}", standing.sentence())
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use treewright_client::{Confirmation, ConfirmationStage, Gain};
-
-    #[test]
-    fn a_confirmation_is_told_in_the_words_of_every_surface() {
-        let gain = Gain { share: 0.08, low: Some(0.05), high: Some(0.11), probability_better: Some(0.999) };
-        let confirmation_of = |stage, gain: Option<Gain>| {
-            let race = Confirmation { stage, rounds: 7, rounds_max: 10, measurements: 20, gain };
-            confirmation(&Proof {
-                cost: 9.0,
-                cost_low: 8.5,
-                cost_high: 9.5,
-                gain,
-                nothing_better: stage == ConfirmationStage::NothingBetter,
-                confirmation: race,
-                ..Proof::default()
-            })
-        };
-        let printed = confirmation_of(ConfirmationStage::Better, Some(gain));
-        assert!(
-            printed
-                .ends_with("proven to be better than the default in 7 paired rounds, by 8.0 % [5.0, 11.0]"),
-            "{printed}"
-        );
-        let printed = confirmation_of(ConfirmationStage::NothingBetter, None);
-        assert!(printed.contains("nothing was shown to be better than the default"), "{printed}");
-    }
 }
