@@ -3,7 +3,7 @@
 use treewright_client::{Configuration, Value};
 use treewright_figures::{Axis, Colour, Dot, Figure, Stroke};
 use treewright_renderer::statistics::{Ratio, Summary};
-use treewright_renderer::tuning::objective::Objective;
+use treewright_renderer::{frame::FrameTimes, tuning::objective::Objective};
 
 use super::record::{Group, Member, PartSearch, Record, Versus, cost};
 use super::{figures::WIDTH, parts::Part};
@@ -121,34 +121,17 @@ pub(super) fn part(part: &Part, runs: &[Run<'_>], default_ms: Option<f64>) -> [S
     [points.finish(), evolution.finish()]
 }
 
-/// The parts of a frame.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Share {
-    Build,
-    Render,
-    Total,
-}
+/// A part of a frame, by its name, in milliseconds.
+pub(super) type Share = (&'static str, fn(&FrameTimes) -> f64);
 
-impl Share {
-    pub(super) const ALL: [Self; 3] = [Self::Build, Self::Render, Self::Total];
-
-    pub(super) fn name(self) -> &'static str {
-        match self {
-            Self::Build => "build",
-            Self::Render => "render",
-            Self::Total => "total",
-        }
-    }
-}
+pub(super) const SHARES: [Share; 3] =
+    [("build", |times| times.build_ms), ("render", |times| times.render_ms), TOTAL];
+const TOTAL: Share = ("total", |times| times.build_ms + times.render_ms);
 
 /// Milliseconds of each round without and with splitting; nothing where either could not be built.
-pub(super) fn rounds(group: &Group, share: Share) -> Option<[Vec<f64>; 2]> {
+fn rounds(group: &Group, (_, of_times): Share) -> Option<[Vec<f64>; 2]> {
     let of = |member: &Member| -> Option<Vec<f64>> {
-        let times = member.rounds.iter().map(|times| match share {
-            Share::Build => times.build_ms,
-            Share::Render => times.render_ms,
-            Share::Total => times.build_ms + times.render_ms,
-        });
+        let times = member.rounds.iter().map(of_times);
         (!member.rounds.is_empty() && member.failure.is_none()).then(|| times.collect())
     };
     let [without, with] = group.members.as_slice() else { return None };
@@ -174,7 +157,7 @@ pub(super) fn heights(record: &Record, scene: &str) -> Vec<AtHeight> {
     let own = record.pairs.iter().filter(|((name, _), _)| name == scene);
     own.filter_map(|((_, versus), group)| {
         let Versus::Height(height) = versus else { return None };
-        let [without, with] = rounds(group, Share::Total)?;
+        let [without, with] = rounds(group, TOTAL)?;
         let medians = [Summary::of(&without).median, Summary::of(&with).median];
         Some((*height, medians, Ratio::of(&without, &with)))
     })
@@ -233,7 +216,7 @@ pub(super) fn angles(record: &Record, scene: &str, share: Share) -> Vec<(f64, [V
 }
 
 /// Mean time by angle without and with splitting, each with its band.
-pub(super) fn needles(angles: &[(f64, [Vec<f64>; 2])], share: Share) -> String {
+pub(super) fn needles(angles: &[(f64, [Vec<f64>; 2])], (name, _): Share) -> String {
     let points: Vec<_> = angles
         .iter()
         .map(|(angle, [without, with])| (*angle, [mean_and_band(without), mean_and_band(with)]))
@@ -242,7 +225,7 @@ pub(super) fn needles(angles: &[(f64, [Vec<f64>; 2])], share: Share) -> String {
     // Bands of few rounds may be wide; they end at the edge.
     let most = means().fold(0.0_f64, f64::max) * 1.25;
     let least = means().fold(f64::INFINITY, f64::min) * 0.8;
-    let (of_x, of_y) = ("angle of the cylinder, degrees", format!("{} time, ms", share.name()));
+    let (of_x, of_y) = ("angle of the cylinder, degrees", format!("{name} time, ms"));
     let x = Axis::linear(of_x, points.iter().map(|(angle, _)| *angle));
     let y = Axis::linear(&of_y, [least, most]);
     let mut figure = Figure::new(&format!("{of_y} over {of_x}"), [WIDTH, 260.0], x, y);

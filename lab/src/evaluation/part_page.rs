@@ -9,7 +9,7 @@ use treewright_renderer::{space::TuningSpace, statistics::Summary};
 
 use super::markup::{card, table};
 use super::part_figures::{
-    PartGain, Run, Share, angles, heights, mean_and_band, needles, number, part, splitting, turning_height,
+    PartGain, Run, SHARES, angles, heights, mean_and_band, needles, number, part, splitting, turning_height,
 };
 use super::parts::{PARTS, came_to};
 use super::record::{GroupKind, PartSearch, Record, Versus};
@@ -203,7 +203,7 @@ fn needles_section(record: &Record) -> String {
     let mut rows = Vec::new();
     for scene in &scenes {
         let mut cells = vec![(*scene).to_owned()];
-        for share in Share::ALL {
+        for share in SHARES {
             let angles = angles(record, scene, share);
             for which in 0..2 {
                 let mut means: Vec<f64> =
@@ -218,7 +218,7 @@ fn needles_section(record: &Record) -> String {
     text += &table(&heads, &rows);
     for scene in &scenes {
         let _ = write!(text, "<h3>{}</h3>", escaped(scene));
-        for share in Share::ALL {
+        for share in SHARES {
             let angles = angles(record, scene, share);
             text += &card(&needles(&angles, share));
         }

@@ -6,33 +6,52 @@
 
 use serde::Serialize;
 
-/// The features that shading must have.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-pub struct Needs {
+/// Needs by their names and bits.
+macro_rules! needs {
+    ($($(#[$about:meta])* $name:ident $bit:literal,)*) => {
+        /// The features that shading must have.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+        pub struct Needs {
+            $($(#[$about])* pub $name: bool,)*
+        }
+
+        impl Needs {
+            pub(super) const fn bits(self) -> usize {
+                $((self.$name as usize) << $bit)|*
+            }
+
+            pub(super) const fn from_bits(bits: usize) -> Self {
+                Self { $($name: bits >> $bit & 1 != 0,)* }
+            }
+        }
+    };
+}
+
+needs! {
     /// Normals interpolated between the corners of a triangle.
-    pub smooth: bool,
+    smooth 0,
     /// Surfaces that reflect: metals, mirrors, the gloss of dielectrics. Otherwise all are Lambert's.
-    pub layers: bool,
+    layers 1,
     /// Thin sheets that light passes straight through. They come with a reflecting layer.
-    pub sheets: bool,
+    sheets 2,
     /// Emissive triangles.
-    pub lamps: bool,
+    lamps 3,
     /// A sun.
-    pub sun: bool,
+    sun 4,
     /// More than one material.
-    pub materials: bool,
+    materials 5,
     /// Objects placed by instances; such kernels, and those of the four needs below, can do all above.
-    pub instances: bool,
+    instances 6,
     /// Materials with textures.
-    pub textures: bool,
+    textures 7,
     /// Transmitting solids, which bend light.
-    pub solids: bool,
+    solids 8,
     /// An environment map, which is sampled as a light.
-    pub environment: bool,
+    environment 9,
     /// Lights without size.
-    pub punctual: bool,
+    punctual 10,
     /// Rough metals, for kernels that shade many hits at once; the others see the material.
-    pub metals: bool,
+    metals 11,
 }
 
 /// Something that a scene does not need.
@@ -74,38 +93,6 @@ impl Needs {
             _ => Self::COMMON | (number - Self::COMMON) << Self::COMMON_COUNT,
         };
         Self::from_bits(bits).closed()
-    }
-
-    pub(super) const fn bits(self) -> usize {
-        self.smooth as usize
-            | (self.layers as usize) << 1
-            | (self.sheets as usize) << 2
-            | (self.lamps as usize) << 3
-            | (self.sun as usize) << 4
-            | (self.materials as usize) << 5
-            | (self.instances as usize) << 6
-            | (self.textures as usize) << 7
-            | (self.solids as usize) << 8
-            | (self.environment as usize) << 9
-            | (self.punctual as usize) << 10
-            | (self.metals as usize) << 11
-    }
-
-    pub(super) const fn from_bits(bits: usize) -> Self {
-        Self {
-            smooth: bits & 1 != 0,
-            layers: bits & 2 != 0,
-            sheets: bits & 4 != 0,
-            lamps: bits & 8 != 0,
-            sun: bits & 16 != 0,
-            materials: bits & 32 != 0,
-            instances: bits & 64 != 0,
-            textures: bits & 128 != 0,
-            solids: bits & 256 != 0,
-            environment: bits & 512 != 0,
-            punctual: bits & 1024 != 0,
-            metals: bits & 2048 != 0,
-        }
     }
 
     /// The closed set: sheets and rough metals reflect as well, and rare needs come with all the common ones.
