@@ -4,6 +4,8 @@
 //! Ways are chosen by every other round and judged by the rest, and then the other way round, so that none is
 //! chosen by luck and judged by it.
 
+use std::collections::BTreeMap;
+
 use serde::{Deserialize, Serialize};
 
 /// The number of the way of somebody who tunes nothing, which comes first.
@@ -196,6 +198,18 @@ fn speed(one: &WayTimes, other: &WayTimes, half: usize) -> f64 {
     let pairs = other.cost_ms.iter().zip(&one.cost_ms).skip(half).step_by(2);
     let ratios: Vec<f64> = pairs.map(|(other, one)| other / one).collect();
     if ratios.is_empty() { 0.0 } else { geometric_mean(&ratios) }
+}
+
+/// Of all that ran in each of some groups, the mean logarithm of its costs there, the least first.
+pub(crate) fn ranked<K: Ord + Clone>(groups: &[BTreeMap<K, f64>]) -> Vec<(K, f64)> {
+    let in_all = |one: &K| -> Option<f64> {
+        let logarithms: Option<Vec<f64>> = groups.iter().map(|group| Some(group.get(one)?.ln())).collect();
+        Some(logarithms?.iter().sum::<f64>() / groups.len() as f64)
+    };
+    let ran = groups.first().into_iter().flat_map(BTreeMap::keys);
+    let mut all: Vec<(K, f64)> = ran.filter_map(|one| Some((one.clone(), in_all(one)?))).collect();
+    all.sort_by(|(_, a), (_, b)| a.total_cmp(b));
+    all
 }
 
 /// The geometric mean; 1 of no values.

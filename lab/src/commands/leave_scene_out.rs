@@ -141,10 +141,10 @@ fn first_answers(book: &Book, context: Context) -> Result<()> {
             let Some(rounds) = book.rounds.get(&name(CANDIDATES)) else { continue };
             let Some(answer) = first_answer(book, objective, scene, context)? else { continue };
             let costs = judge::relative_costs(rounds, objective.frames_per_build());
-            let cost = |configuration: &Configuration| Some(costs.get(&configuration.to_string())?.1);
+            let cost = |configuration: &Configuration| costs.get(configuration).copied();
             let own = cost(&answer.configuration);
             let fixed = judge::fixed_of_others(book, objective, scene, &context.to_string());
-            let fixed = fixed.and_then(|fixed| cost(&fixed.configuration));
+            let fixed = fixed.and_then(|fixed| cost(&fixed));
             let used_well = judge::used_well(rounds, objective.frames_per_build());
             let native = rounds.find(&NATIVE_DEFAULT).map(|one| one.frame_ms(objective.frames_per_build()));
             let pair = used_well.zip(native);

@@ -16,6 +16,7 @@ use super::answers::Answers;
 use super::folds::{Fold, Split};
 use super::measure::{MILESTONES, best, best_within};
 use super::record::{Group, GroupKind, Place, Record, Search, cost};
+use crate::ways::ranked;
 
 /// Break-even points beyond this many iterations are counted and not drawn, as in the paper.
 pub(crate) const BREAK_EVEN_MAX: f64 = 10_000.0;
@@ -258,26 +259,15 @@ impl View<'_> {
     }
 
     fn best_fixed(&self, places: &[Place]) -> Option<Configuration> {
-        let mut sums: BTreeMap<&Configuration, (f64, usize)> = BTreeMap::new();
-        let mut groups = 0;
-        for place in places {
-            let Some(group) = self.record.groups.get(&(GroupKind::Fixed, place.clone())) else { continue };
-            let Some(default) = group.members.first().and_then(|one| self.cost_in(group, &one.configuration))
-            else {
-                continue;
-            };
-            groups += 1;
-            for member in &group.members {
-                if let Some(cost) = self.cost_in(group, &member.configuration) {
-                    let sum = sums.entry(&member.configuration).or_default();
-                    *sum = (sum.0 + (cost / default).ln(), sum.1 + 1);
-                }
-            }
-        }
+        let over_default = |place: &Place| {
+            let group = self.record.groups.get(&(GroupKind::Fixed, place.clone()))?;
+            let default_ms = self.cost_in(group, &group.members.first()?.configuration)?;
+            let members = group.members.iter().map(|member| &member.configuration);
+            Some(members.filter_map(|one| Some((one, self.cost_in(group, one)? / default_ms))).collect())
+        };
         // The best of a search stands beside them at its own camera alone.
-        let everywhere = sums.into_iter().filter(|(_, (_, count))| *count == groups && groups > 0);
-        let best = everywhere.min_by(|a, b| (a.1.0).total_cmp(&b.1.0).then_with(|| a.0.cmp(b.0)));
-        best.map(|(configuration, _)| configuration.clone())
+        let groups: Vec<BTreeMap<&Configuration, f64>> = places.iter().filter_map(over_default).collect();
+        ranked(&groups).first().map(|(configuration, _)| (*configuration).clone())
     }
 
     /// Speed of a search's best over another in the rounds of the answers, else of the fixed ones.

@@ -11,6 +11,7 @@ use treewright_renderer::tuning::safety::{Safety, start_cost};
 use treewright_renderer::tuning::who::{NATIVE_DEFAULT, NativeUse, Who};
 
 use super::book::{Book, RecordedContender, RecordedRounds, RecordedSearch, RecordedTrial};
+use crate::ways::ranked;
 
 /// Names of steps in a book.
 pub(crate) const CANDIDATES: &str = "candidates";
@@ -26,18 +27,13 @@ pub(crate) fn key(kind: &str, objective: Objective, scene: &str, context: &str) 
 }
 
 /// Costs of each configuration on a scene, in units of native Embree's default in these rounds.
-pub(crate) fn relative_costs(
-    rounds: &RecordedRounds,
-    frames_per_build: u32,
-) -> BTreeMap<String, (Configuration, f64)> {
+pub(crate) fn relative_costs(rounds: &RecordedRounds, frames_per_build: u32) -> BTreeMap<Configuration, f64> {
     let Some(native) = rounds.find(&NATIVE_DEFAULT) else { return BTreeMap::new() };
     let native_ms = native.frame_ms(frames_per_build);
     let own = rounds.contenders.iter().filter_map(|one| Some((one, one.configuration.as_ref()?)));
     own.map(|(one, configuration)| {
         let ratio = Ratio::of(&one.frame_ms(frames_per_build), &native_ms);
-        let cost = if ratio.count > 0 { ratio.median } else { f64::INFINITY };
-        // The text of a configuration carries everything, so it serves as its identity.
-        (configuration.to_string(), (configuration.clone(), cost))
+        (configuration.clone(), if ratio.count > 0 { ratio.median } else { f64::INFINITY })
     })
     .collect()
 }
@@ -55,33 +51,6 @@ pub(crate) fn used_well(rounds: &RecordedRounds, frames_per_build: u32) -> Optio
     let median = |place: usize| Summary::of(frames_ms[place]).median;
     let faster = if median(odd) < median(even) { odd } else { even };
     Some((uses[faster].0, alternating(frames_ms[even], frames_ms[odd])))
-}
-
-/// A configuration that ran on every scene, and the geometric mean of its costs there.
-#[derive(Clone, Debug, Serialize)]
-pub(crate) struct Fixed {
-    pub(crate) configuration: Configuration,
-    /// In units of native Embree's default.
-    pub(crate) mean_cost: f64,
-}
-
-/// All configurations that ran on each of these scenes, best first; `without` those in it.
-pub(crate) fn fixed(
-    scenes: &[BTreeMap<String, (Configuration, f64)>],
-    without: &BTreeSet<String>,
-) -> Vec<Fixed> {
-    let Some(first) = scenes.first() else { return Vec::new() };
-    let on_all =
-        first.iter().filter(|(text, _)| !without.contains(*text)).filter_map(|(text, (configuration, _))| {
-            let costs: Option<Vec<f64>> =
-                scenes.iter().map(|scene| scene.get(text).map(|(_, cost)| *cost)).collect();
-            let costs = costs?;
-            let mean_cost = (costs.iter().map(|cost| cost.ln()).sum::<f64>() / costs.len() as f64).exp();
-            Some(Fixed { configuration: configuration.clone(), mean_cost })
-        });
-    let mut all: Vec<Fixed> = on_all.filter(|one| one.mean_cost.is_finite()).collect();
-    all.sort_by(|a, b| a.mean_cost.total_cmp(&b.mean_cost));
-    all
 }
 
 /// The configurations that only the search of one scene found; the other scenes do not know them.
@@ -109,7 +78,7 @@ pub(crate) fn fixed_of_others(
     objective: Objective,
     scene: &str,
     context: &str,
-) -> Option<Fixed> {
+) -> Option<Configuration> {
     let without = found_only_in(book, objective, scene, context);
     let others: Vec<_> = book
         .scenes
@@ -120,7 +89,8 @@ pub(crate) fn fixed_of_others(
             Some(relative_costs(rounds, objective.frames_per_build()))
         })
         .collect();
-    fixed(&others, &without).into_iter().next()
+    let ran_on_all = ranked(&others).into_iter().filter(|(_, cost)| cost.is_finite());
+    ran_on_all.map(|(one, _)| one).find(|one| !without.contains(&one.to_string()))
 }
 
 /// One scene, objective and context.
@@ -171,7 +141,7 @@ pub(crate) fn rows(book: &Book, objectives: &[Objective]) -> Vec<Row> {
             continue;
         };
         let Some(objective) = objectives.iter().find(|one| one.name() == objective) else { continue };
-        let fixed = fixed_of_others(book, *objective, scene, context).map(|fixed| fixed.configuration);
+        let fixed = fixed_of_others(book, *objective, scene, context);
         let search = book.searches.get(&key(LEFT_OUT, *objective, scene, context));
         let safety = search.and_then(|search| safety(search, rounds, *objective));
         let row = row(rounds, fixed.as_ref(), *objective, scene, context);
@@ -297,12 +267,10 @@ mod tests {
             rounds(&[(NATIVE, 99.0), ("a", 49.0), ("b", 199.0)]),
         ];
         let costs: Vec<_> = scenes.iter().map(|rounds| relative_costs(rounds, 1000)).collect();
-        let all = fixed(&costs, &BTreeSet::new());
-        let names: Vec<String> = all.iter().map(|one| one.configuration.to_string()).collect();
+        let all = ranked(&costs);
+        let names: Vec<String> = all.iter().map(|(one, _)| one.to_string()).collect();
         assert_eq!(names, ["name=a", "name=b"]);
-        assert!((all[0].mean_cost - 0.5).abs() < 1e-9);
-        let without = BTreeSet::from(["name=a".to_owned()]);
-        assert_eq!(fixed(&costs, &without).len(), 1);
+        assert!((all[0].1.exp() - 0.5).abs() < 1e-9);
     }
 
     #[test]
@@ -327,12 +295,8 @@ mod tests {
         }
         let best =
             |scene| fixed_of_others(&book, Objective::Render, scene, "2@320x240").expect("there is one");
-        assert_eq!(
-            best("hall").configuration.to_string(),
-            "name=start",
-            "its own find is not known to others"
-        );
-        assert_eq!(best("city").configuration.to_string(), "name=own");
+        assert_eq!(best("hall").to_string(), "name=start", "its own find is not known to others");
+        assert_eq!(best("city").to_string(), "name=own");
     }
 
     #[test]

@@ -85,7 +85,7 @@ impl Stage {
         };
         let space = space(objective);
         let mut all = hand::natives(&space);
-        let mut entrants = vec![(FIXED_OF_OTHERS, fixed.configuration)];
+        let mut entrants = vec![(FIXED_OF_OTHERS, fixed)];
         entrants.push((Who::AfterFrames(0), search.first_answer.clone()));
         let answers = search.answers.iter();
         entrants.extend(answers.map(|(frames, answer)| (Who::AfterFrames(*frames), answer.clone())));
@@ -97,7 +97,7 @@ impl Stage {
         }
         let ran = book.rounds.get(&key(CANDIDATES, objective, &self.scene, &context));
         let costs = ran.map(|ran| judge::relative_costs(ran, objective.frames_per_build()));
-        let mut ranked: Vec<_> = costs.unwrap_or_default().into_values().collect();
+        let mut ranked: Vec<_> = costs.unwrap_or_default().into_iter().collect();
         ranked.sort_by(|(_, a), (_, b)| a.total_cmp(b));
         let best = ["fastest 1", "fastest 2"].into_iter().zip(ranked);
         entrants.extend(best.map(|(place, (configuration, _))| (Who::Named(place.into()), configuration)));
