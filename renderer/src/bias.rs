@@ -84,7 +84,7 @@ impl Squares {
             for part in [0, 1 + row * across + column] {
                 all[part].pixels += 1.0;
                 all[part].brightness += 0.5 * (first + second);
-                // See `Noise::of`.
+                // See `FrameNoise::of`.
                 all[part].variance += 0.25 * (first - second).powi(2);
             }
         }

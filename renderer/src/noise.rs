@@ -10,21 +10,33 @@ const TRIMMED: f64 = 1e-3;
 /// Edge of the squares over which brightness is averaged for the weights, in pixels.
 const BLOCK: u32 = 8;
 
+/// Samples of each half where noise is measured.
+pub const HALF_SAMPLES: u32 = 4;
+/// Samples of the picture whose brightness errors are relative to, in two halves.
+pub(crate) const WEIGHT_SAMPLES: u32 = 16;
+/// The relative variance that counts as arrived: errors of a tenth.
+pub const TARGET_VARIANCE: f64 = 0.01;
+
+/// The measured noise of a frame.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct FrameNoise {
+    /// Mean relative variance of the luminance of a picture of twice [`HALF_SAMPLES`] samples a pixel.
+    pub relative_variance: f64,
+    /// Of that mean, by how squares of pixels differ.
+    pub standard_error: f64,
+    /// Samples a pixel until the variance is [`TARGET_VARIANCE`], if each brings as much as these did.
+    pub samples_to_error: f64,
+    /// What differs most from the picture that errors are relative to, by more than noise would make it.
+    #[serde(skip)]
+    pub bias: Option<Bias>,
+}
+
 /// The weight of error in each pixel: one over the square of the brightness around it.
 #[derive(Clone, Debug)]
 pub struct Weights {
     of_pixel: Vec<f64>,
     /// The picture that they are of.
     expected: Squares,
-}
-
-/// The error of a picture.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Noise {
-    /// Mean over the pixels of the relative squared error of the luminance.
-    pub relative_variance: f64,
-    /// Of that mean, by how squares of pixels differ.
-    pub standard_error: f64,
 }
 
 impl Weights {
@@ -46,12 +58,12 @@ impl Weights {
     }
 }
 
-impl Noise {
+impl FrameNoise {
     /// Of the mean of two pictures that are drawn independently of each other.
     ///
     /// # Panics
     /// If the sizes differ.
-    pub fn of(halves: [&Picture; 2], weights: &Weights) -> Self {
+    pub(crate) fn of(halves: [&Picture; 2], weights: &Weights) -> Self {
         let [first, second] = halves;
         assert!(first.pixels.len() == second.pixels.len() && first.pixels.len() == weights.of_pixel.len());
         // Each half is off by the square of their distance over two in the mean, both together by half that.
@@ -87,38 +99,13 @@ impl Noise {
             .collect();
         let mean = groups.iter().sum::<f64>() / groups.len() as f64;
         let spread = groups.iter().map(|group| (group - mean).powi(2)).sum::<f64>();
-        Self { relative_variance, standard_error: spread.sqrt() / count }
-    }
-}
-
-/// Samples of each half where noise is measured.
-pub const HALF_SAMPLES: u32 = 4;
-/// Samples of the picture whose brightness errors are relative to, in two halves.
-pub(crate) const WEIGHT_SAMPLES: u32 = 16;
-/// The relative variance that counts as arrived: errors of a tenth.
-pub const TARGET_VARIANCE: f64 = 0.01;
-
-/// The measured noise of a frame.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct FrameNoise {
-    /// Mean relative variance of a picture of twice [`HALF_SAMPLES`] samples a pixel.
-    pub relative_variance: f64,
-    /// Of that.
-    pub standard_error: f64,
-    /// Samples a pixel until the variance is [`TARGET_VARIANCE`], if each brings as much as these did.
-    pub samples_to_error: f64,
-    /// What differs most from the picture that errors are relative to, by more than noise would make it.
-    #[serde(skip)]
-    pub bias: Option<Bias>,
-}
-
-impl FrameNoise {
-    pub(crate) fn of(halves: [&Picture; 2], weights: &Weights) -> Self {
-        let Noise { relative_variance, standard_error } = Noise::of(halves, weights);
         let samples = f64::from(2 * HALF_SAMPLES);
-        let samples_to_error = samples * relative_variance / TARGET_VARIANCE;
-        let bias = Squares::of(halves).bias(&weights.expected);
-        Self { relative_variance, standard_error, samples_to_error, bias }
+        Self {
+            relative_variance,
+            standard_error: spread.sqrt() / count,
+            samples_to_error: samples * relative_variance / TARGET_VARIANCE,
+            bias: Squares::of(halves).bias(&weights.expected),
+        }
     }
 }
 
@@ -147,15 +134,14 @@ mod tests {
         for (level, deviation) in [(2.0, 0.4), (0.01, 0.001), (500.0, 200.0)] {
             let weights = weights(level, &mut random);
             let halves = [0, 1].map(|_| noisy(level, deviation, &mut random));
-            let noise = Noise::of([&halves[0], &halves[1]], &weights);
+            let noise = FrameNoise::of([&halves[0], &halves[1]], &weights);
             // The mean of two halves has half the variance; a hundredth of the weight is the floor's.
             let expected = 0.5 * f64::from(deviation / level).powi(2) / (1.0 + FLOOR * FLOOR);
             let off = (noise.relative_variance / expected - 1.0).abs();
             assert!(off < 0.08, "{level}: {} and {expected}", noise.relative_variance);
             assert!(noise.standard_error > 0.005 * expected && noise.standard_error < 0.05 * expected);
-            let frame = FrameNoise::of([&halves[0], &halves[1]], &weights);
-            assert_eq!(frame.bias, None);
-            assert!((frame.samples_to_error - 800.0 * noise.relative_variance).abs() < 1e-9);
+            assert_eq!(noise.bias, None);
+            assert!((noise.samples_to_error - 800.0 * noise.relative_variance).abs() < 1e-9);
         }
     }
 
@@ -164,9 +150,9 @@ mod tests {
         let mut random = ChaCha8Rng::seed_from_u64(6);
         let weights = weights(1.0, &mut random);
         let mut halves = [0, 1].map(|_| noisy(1.0, 0.1, &mut random));
-        let before = Noise::of([&halves[0], &halves[1]], &weights).relative_variance;
+        let before = FrameNoise::of([&halves[0], &halves[1]], &weights).relative_variance;
         halves[0].pixels[77] = Vec3::splat(1e6);
-        let after = Noise::of([&halves[0], &halves[1]], &weights).relative_variance;
+        let after = FrameNoise::of([&halves[0], &halves[1]], &weights).relative_variance;
         assert!((after / before - 1.0).abs() < 0.05);
         let black = noisy(0.0, 0.0, &mut random);
         let noise = FrameNoise::of([&black, &black], &Weights::of([&black, &black]));

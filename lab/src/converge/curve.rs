@@ -139,8 +139,7 @@ pub(crate) fn compare(
             for offset in 0..count {
                 let (index, lane) = &mut lanes[(turn + offset) % count];
                 renderer.set_light_sampling(curves[*index].choice.light);
-                let setup = RunSetup { renderer, view: &view, plan, yardstick };
-                lane.advance(&setup, &curves[*index].choice.render);
+                lane.advance(renderer, &view, &curves[*index].choice.render, plan, yardstick);
             }
             turn += 1;
         }
@@ -192,17 +191,24 @@ impl Lane {
     }
 
     /// Renders one sample more, if there is time left, and measures where it is due.
-    fn advance(&mut self, setup: &RunSetup, options: &RenderOptions) {
+    fn advance(
+        &mut self,
+        renderer: &Renderer,
+        view: &View,
+        options: &RenderOptions,
+        plan: &ComparisonPlan,
+        yardstick: &Yardstick,
+    ) {
         if self.end.is_some() {
             return;
         }
-        self.render_ms += setup.renderer.render_with(&self.structure, setup.view, options, &mut self.film).0;
+        self.render_ms += renderer.render_with(&self.structure, view, options, &mut self.film).0;
         let samples = self.film.samples();
-        let is_end = self.spent_ms() >= setup.plan.budget_ms || samples >= setup.plan.samples_max;
+        let is_end = self.spent_ms() >= plan.budget_ms || samples >= plan.samples_max;
         if !(is_end || is_checkpoint(samples)) {
             return;
         }
-        let relative_mse = setup.yardstick.relative_mse(&self.film.picture());
+        let relative_mse = yardstick.relative_mse(&self.film.picture());
         let point = Point { samples, render_ms: self.render_ms, relative_mse };
         if is_checkpoint(samples) {
             self.points.push(point);
@@ -211,14 +217,6 @@ impl Lane {
             self.end = Some(point);
         }
     }
-}
-
-/// The common part of all lanes of a run.
-struct RunSetup<'a> {
-    renderer: &'a Renderer,
-    view: &'a View,
-    plan: &'a ComparisonPlan,
-    yardstick: &'a Yardstick,
 }
 
 #[cfg(test)]
