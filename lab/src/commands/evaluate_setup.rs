@@ -12,7 +12,7 @@ use treewright_renderer::limits::{ITERATIONS_MAX, THREADS_MAX};
 use treewright_renderer::space::{Premises, Preset, TuningSpace};
 
 use crate::evaluation::record::{Clock, Conditions, OpenRecord, Place, Record, VERSION};
-use crate::{evaluation::measure::best_within, leave_scene_out::suite::Entry};
+use crate::{evaluation::measure::ALL, evaluation::measure::best_within, leave_scene_out::suite::Entry};
 
 /// Scenes of this program that stand in for those of the paper that cannot be had, in about their sizes.
 const BUILT_IN: [&str; 2] = ["gallery=builtin:gallery:1:7", "voxels=builtin:voxels:0.6:7"];
@@ -120,7 +120,7 @@ pub(super) fn space(conditions: &Conditions) -> TuningSpace {
 pub(super) fn add_found(record: &Record, place: &Place, after: &[usize], all: &mut Vec<Configuration>) {
     for search in record.searches.iter().filter(|search| search.place == *place) {
         let Some(objective) = search.minimised() else { continue };
-        for trials in after.iter().copied().chain([usize::MAX]) {
+        for trials in after.iter().copied().chain([ALL]) {
             let found = best_within(search, trials, objective);
             if let Some((found, _)) = found.filter(|(found, _)| !all.contains(&found.configuration)) {
                 all.push(found.configuration.clone());

@@ -27,8 +27,13 @@ pub struct Interval {
 /// An estimate and its interval with `digits` digits after the point; a dash for none.
 pub fn in_words(interval: Option<Interval>, digits: usize) -> String {
     let Some(Interval { estimate, range }) = interval else { return "–".to_owned() };
-    let range = range.map(|[low, high]| format!(" [{low:.digits$}, {high:.digits$}]"));
-    format!("{estimate:.digits$}{}", range.unwrap_or_default())
+    let show = |value: f64| format!("{value:.digits$}");
+    show(estimate) + &in_brackets(range, show)
+}
+
+/// A range as it stands behind its estimate; nothing for none.
+pub(crate) fn in_brackets(range: Option<[f64; 2]>, show: impl Fn(f64) -> String) -> String {
+    range.map_or_else(String::new, |[low, high]| format!(" [{}, {}]", show(low), show(high)))
 }
 
 /// A statistic of `runs` independent runs, given by their numbers. `None` where it cannot be computed.

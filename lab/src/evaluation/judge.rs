@@ -14,7 +14,7 @@ use treewright_renderer::tuning::objective::Objective;
 
 use super::answers::Answers;
 use super::folds::{Fold, Split};
-use super::measure::{MILESTONES, best, best_within};
+use super::measure::{ALL, MILESTONES, best_within};
 use super::record::{Group, GroupKind, Place, Record, Search, cost};
 use crate::ways::ranked;
 
@@ -228,12 +228,12 @@ impl View<'_> {
 
     /// The best of a search, measured in a group.
     fn best_cost(&self, search: &Search, group: &Group) -> Option<f64> {
-        let (found, _) = best(search, self.objective)?;
+        let (found, _) = best_within(search, ALL, self.objective)?;
         self.cost_in(group, &found.configuration)
     }
 
     fn ground(&self, search: &Search) -> Option<Ground> {
-        let (_, once) = best(search, self.objective)?;
+        let (_, once) = best_within(search, ALL, self.objective)?;
         let fixed = self.record.groups.get(&(GroupKind::Fixed, search.place.clone()))?;
         let answers = self.record.groups.get(&(GroupKind::Answers, search.place.clone()));
         let again = answers.and_then(|group| self.best_cost(search, group));
@@ -285,7 +285,7 @@ impl View<'_> {
         let default = group(GroupKind::Fixed).and_then(|group| group.members.first());
         let so_far = MILESTONES
             .into_iter()
-            .chain([usize::MAX])
+            .chain([ALL])
             .filter_map(|trials| best_within(search, trials, self.objective));
         let mut all = so_far.map(|(found, _)| &found.configuration);
         self.best_cost(search, answers).is_some()

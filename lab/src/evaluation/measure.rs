@@ -210,15 +210,12 @@ fn reason(outcome: &Outcome) -> String {
     }
 }
 
+/// All trials of a search.
+pub(crate) const ALL: usize = usize::MAX;
 /// Trials of a search after which the best so far is measured again.
 pub(crate) const MILESTONES: [usize; 5] = [5, 10, 20, 40, 80];
 
-/// The iteration that did best, as the paper's roofline has it.
-pub(crate) fn best(search: &Search, objective: Objective) -> Option<(&Iteration, f64)> {
-    best_within(search, usize::MAX, objective)
-}
-
-/// The best of the first iterations, up to a given number.
+/// The best of the first iterations, up to a given number; of [`ALL`], as the paper's roofline has it.
 pub(crate) fn best_within(search: &Search, trials: usize, objective: Objective) -> Option<(&Iteration, f64)> {
     let costs = search
         .iterations

@@ -11,6 +11,7 @@ use super::judge::{BreakEven, Verdict};
 use super::markup::{self, card};
 use super::summary::{Mean, Standing, mean_of, standings};
 use super::{folds::Split, part_page, progress_figures, record::Record};
+use crate::converge::bootstrap::in_brackets;
 
 /// More of other programs than this on average, and times are called disturbed.
 const OTHER_CORES: f64 = 0.25;
@@ -129,12 +130,8 @@ fn saved(share: Option<f64>) -> String {
 }
 
 fn percent(mean: Mean) -> String {
-    match mean.interval {
-        Some([low, high]) => {
-            format!("{:.1} % [{:.1}, {:.1}]", mean.mean * 100.0, low * 100.0, high * 100.0)
-        }
-        None => format!("{:.1} %", mean.mean * 100.0),
-    }
+    let percent = |share: f64| format!("{:.1}", share * 100.0);
+    format!("{} %{}", percent(mean.mean), in_brackets(mean.interval, percent))
 }
 
 pub(crate) fn html(report: &Report<'_>) -> String {

@@ -7,7 +7,7 @@ use treewright_renderer::{frame::FrameTimes, tuning::objective::Objective};
 
 use super::record::{Group, Member, PartSearch, Record, Versus, cost};
 use super::{figures::WIDTH, parts::Part};
-use crate::converge::bootstrap::student;
+use crate::converge::bootstrap::{in_brackets, student};
 
 /// Confidence of the bands in Figure 9.
 const BAND: f64 = 0.9999;
@@ -77,12 +77,9 @@ impl PartGain {
     pub(super) fn words(&self) -> [String; 2] {
         // A loss that rounds to zero is shown without a sign of loss.
         let gain = |speed: f64| format!("{:+.1}", ((speed - 1.0) * 1000.0).round() / 10.0 + 0.0);
-        let interval = self.speed.interval.map(|[low, high]| format!(" [{}, {}]", gain(low), gain(high)));
         let [low, high] = self.ends.map(gain);
-        [
-            format!("{} %{}", gain(self.speed.median), interval.unwrap_or_default()),
-            format!("{low} to {high} %"),
-        ]
+        let interval = in_brackets(self.speed.interval, gain);
+        [format!("{} %{interval}", gain(self.speed.median)), format!("{low} to {high} %")]
     }
 }
 

@@ -13,6 +13,7 @@ use super::part_figures::{
 };
 use super::parts::{PARTS, came_to};
 use super::record::{GroupKind, PartSearch, Record, Versus};
+use crate::converge::bootstrap::in_brackets;
 
 /// The page's sections; empty where nothing of the kind was recorded.
 pub(crate) fn html(record: &Record, space: &TuningSpace) -> String {
@@ -41,8 +42,8 @@ fn splitting_section(record: &Record) -> String {
     let mut rows = Vec::new();
     for (scene, heights) in &scenes {
         for (height, [without, with], ratio) in heights {
-            let interval = ratio.interval.map(|[low, high]| format!(" [{low:.3}, {high:.3}]"));
-            let speed = format!("{:.3}{}", ratio.median, interval.unwrap_or_default());
+            let interval = in_brackets(ratio.interval, |end| format!("{end:.3}"));
+            let speed = format!("{:.3}{interval}", ratio.median);
             let place = format!("{scene}, {height}");
             rows.push(vec![place, format!("{without:.1}"), format!("{with:.1}"), speed]);
         }

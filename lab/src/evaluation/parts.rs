@@ -4,7 +4,7 @@ use treewright_client::Configuration;
 use treewright_render_cli::error::Result;
 use treewright_renderer::space::{Narrowing, TuningSpace, parse};
 
-use super::measure::best;
+use super::measure::{ALL, best_within};
 use super::record::{PartSearch, Record};
 
 /// A few parameters, and what the others are held to besides their recommended values.
@@ -51,7 +51,7 @@ pub(crate) fn came_to(search: &PartSearch, whole: &TuningSpace) -> Result<Option
     let part = PARTS.iter().find(|part| part.name == search.part);
     let Some((part, objective)) = part.zip(search.search.minimised()) else { return Ok(None) };
     let space = part.space(whole)?;
-    let found = best(&search.search, objective);
+    let found = best_within(&search.search, ALL, objective);
     let last = search.search.iterations.iter().rfind(|one| one.times.is_some());
     let both = found.zip(last).map(|((found, _), last)| [&found.configuration, &last.configuration]);
     Ok(both.map(|both| both.map(|one| space.with_held(one))))

@@ -5,7 +5,7 @@
 use serde::Serialize;
 use treewright_renderer::{statistics::quantile, tuning::objective::Objective};
 
-use super::measure::{MILESTONES, best_within};
+use super::measure::{ALL, MILESTONES, best_within};
 use super::record::{GroupKind, Record, Search};
 use super::summary::{Mean, mean, mean_of};
 use super::{folds::Split, judge::Verdict};
@@ -99,7 +99,7 @@ fn ratio(record: &Record, search: &Search, trials: usize, objective: Objective) 
         let (found, _) = best_within(search, trials, objective)?;
         group.cost(&found.configuration, objective)
     };
-    Some(again(trials)? / again(usize::MAX)?)
+    Some(again(trials)? / again(ALL)?)
 }
 
 /// When the searches have come below a cost: the first of their moments.

@@ -23,10 +23,11 @@ pub(crate) const VERSION: u32 = 3;
 pub(crate) const METHOD: SearchMethod = SearchMethod::NelderMead;
 
 /// Which clock costs are read from. Records by another one are refused.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum Clock {
     /// Wall time: what a user waits for.
+    #[default]
     Wall,
 }
 
@@ -40,7 +41,7 @@ pub(crate) fn cost(objective: Objective, times: &FrameTimes) -> f64 {
 }
 
 /// Under which conditions everything in a record was measured.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Conditions {
     pub(crate) version: u32,
     pub(crate) machine: Fingerprint,
@@ -216,7 +217,7 @@ impl Line {
     }
 }
 
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub(crate) struct Record {
     pub(crate) conditions: Conditions,
     pub(crate) searches: Vec<Search>,
@@ -233,15 +234,7 @@ pub(crate) struct Record {
 
 impl Record {
     pub(crate) fn new(conditions: Conditions) -> Self {
-        Self {
-            conditions,
-            searches: Vec::new(),
-            groups: BTreeMap::new(),
-            parts: Vec::new(),
-            pairs: BTreeMap::new(),
-            scenes: BTreeMap::new(),
-            programs: BTreeSet::new(),
-        }
+        Self { conditions, ..Self::default() }
     }
 
     /// Reads a file; the line that a killed run left unfinished is passed over.

@@ -11,7 +11,7 @@ use treewright_renderer::{statistics::quantile, tuning::objective::Objective};
 
 use super::judge::{BreakEven, Row, Verdict};
 use super::{folds::Split, record::Place};
-use crate::converge::bootstrap::{geometric, resampled};
+use crate::converge::bootstrap::{geometric, in_brackets, resampled};
 
 const RESAMPLES: usize = 2000;
 const SEED: u64 = 7;
@@ -25,10 +25,7 @@ pub(crate) struct Mean {
 
 impl std::fmt::Display for Mean {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        match self.interval {
-            Some([low, high]) => write!(f, "{:.3} [{low:.3}, {high:.3}]", self.mean),
-            None => write!(f, "{:.3}", self.mean),
-        }
+        write!(f, "{:.3}{}", self.mean, in_brackets(self.interval, |end| format!("{end:.3}")))
     }
 }
 

@@ -2,23 +2,19 @@
 
 use std::collections::BTreeMap;
 
-use treewright_client::{Configuration, Fingerprint, Outcome};
+use treewright_client::{Configuration, Outcome};
 use treewright_renderer::frame::FrameTimes;
 
-use super::record::{Clock, Conditions, Group, GroupKind, Iteration, Member, Place, Search, VERSION};
+use super::record::{Conditions, Group, GroupKind, Iteration, Member, Place, Search, VERSION};
 
 pub(crate) fn conditions(iterations: u32) -> Conditions {
     Conditions {
         version: VERSION,
-        machine: Fingerprint::default(),
-        threads: 2,
         size: [160, 120],
-        bounces: 3,
-        clock: Clock::Wall,
         iterations,
         cameras: 4,
-        seed: 1,
         space: "paper".to_owned(),
+        ..Conditions::default()
     }
 }
 
