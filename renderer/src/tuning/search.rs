@@ -312,10 +312,14 @@ pub(super) fn run_choice(
 
 /// The times of a trial in which the current structure was made ready.
 fn times_of(renderer: &Renderer, ready: Ready, frame: Timed, frames: Option<u32>) -> FrameTimes {
-    let times = FrameTimes::of(ready.build_ms, frame.ms);
-    let times = times.with_threads(renderer.threads(), ready.threads, frame.threads);
+    let times = FrameTimes { frames, ..FrameTimes::of(ready.build_ms, frame.ms) };
+    served(renderer, ready, times.with_threads(renderer.threads(), ready.threads, frame.threads))
+}
+
+/// The times of a trial with what is known of its structure.
+fn served(renderer: &Renderer, ready: Ready, times: FrameTimes) -> FrameTimes {
     let trials_before = (ready.trials_before > 0).then_some(ready.trials_before);
-    FrameTimes { trials_before, structure_bytes: renderer.structure_bytes(), frames, ..times }
+    FrameTimes { trials_before, structure_bytes: renderer.structure_bytes(), ..times }
 }
 
 /// Builds, renders and measures the noise of one choice. The time of learning counts as a part of its build.
@@ -345,11 +349,7 @@ fn run_noisy(
         Some(times) if times.noise.is_none_or(|noise| noise.relative_variance <= 0.0) => {
             (Outcome::failed("the picture has no noise that could be measured"), None)
         }
-        Some(times) => {
-            let trials_before = (ready.trials_before > 0).then_some(ready.trials_before);
-            let structure_bytes = renderer.structure_bytes();
-            (Outcome::Ok, Some(FrameTimes { trials_before, structure_bytes, ..times }))
-        }
+        Some(times) => (Outcome::Ok, Some(served(renderer, ready, times))),
     }
 }
 
