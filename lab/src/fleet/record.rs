@@ -111,8 +111,7 @@ pub(crate) mod tests {
         let path = folder.path().join("fleet.jsonl");
         let conditions = conditions();
         Record::open(&path, &conditions).expect("it is begun");
-        let rounds = RecordedRounds { contenders: Vec::new(), disturbed: false };
-        let at = At::of(&conditions.machines[0], "hall", rounds);
+        let at = At::of(&conditions.machines[0], "hall", RecordedRounds::default());
         json_lines::add(&path, &Line::Answers(at)).expect("it can be written");
         assert_eq!(Record::open(&path, &conditions).expect("it is a record").answers.len(), 1);
         let other = Conditions { rounds: 99, ..conditions.clone() };

@@ -30,7 +30,7 @@ pub(crate) struct SceneFacts {
 }
 
 /// A search, frame by frame, and what the service held for the best after some of them.
-#[derive(Clone, Debug, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub(crate) struct RecordedSearch {
     pub(crate) state: Indicators,
     pub(crate) trials: Vec<RecordedTrial>,
@@ -50,7 +50,7 @@ pub(crate) struct RecordedTrial {
 }
 
 /// Contenders in interleaved rounds. Each is built once where frames share a build, else every round.
-#[derive(Clone, Debug, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub(crate) struct RecordedRounds {
     pub(crate) contenders: Vec<RecordedContender>,
     pub(crate) disturbed: bool,

@@ -246,13 +246,8 @@ mod tests {
     fn contender(name: &str, render_ms: f64) -> RecordedContender {
         let who: Who = serde_json::from_value(name.into()).expect("it is a text");
         let configuration = (who != NATIVE_DEFAULT).then(|| Configuration::new().with("name", name));
-        RecordedContender {
-            who,
-            configuration,
-            build_ms: vec![1000.0; 9],
-            render_ms: vec![render_ms; 9],
-            failure: None,
-        }
+        let (build_ms, render_ms) = (vec![1000.0; 9], vec![render_ms; 9]);
+        RecordedContender { who, configuration, build_ms, render_ms, failure: None }
     }
 
     fn rounds(all: &[(&str, f64)]) -> RecordedRounds {
@@ -277,13 +272,7 @@ mod tests {
     fn what_others_found_as_well_is_known_without_a_scene() {
         let search = |names: &[&str]| {
             let answers = names.iter().map(|name| Configuration::new().with("name", *name));
-            super::super::book::RecordedSearch {
-                state: treewright_client::Indicators::new(),
-                trials: Vec::new(),
-                first_answer: Configuration::new(),
-                answers: (1..).zip(answers).collect(),
-                disturbed: false,
-            }
+            RecordedSearch { answers: (1..).zip(answers).collect(), ..RecordedSearch::default() }
         };
         let mut book = Book::default();
         for (scene, found) in [("hall", ["start", "own"]), ("city", ["start", "start"])] {
@@ -369,11 +358,8 @@ mod tests {
         let stopped =
             RecordedTrial { outcome: Outcome::aborted(120.0), times: None, ..trial("b", 0.0, None) };
         let search = RecordedSearch {
-            state: treewright_client::Indicators::new(),
             trials: vec![trial("a", 52.0, None), trial("c", 74.0, Some(3)), stopped, trial("d", 39.0, None)],
-            first_answer: Configuration::new(),
-            answers: BTreeMap::new(),
-            disturbed: false,
+            ..RecordedSearch::default()
         };
         let mut book = Book {
             rounds: BTreeMap::from([(name(FINAL), final_rounds)]),

@@ -317,11 +317,9 @@ mod tests {
         assert!(stage.finals(&book, objective, 1).expect("it is sound").is_none(), "there was no search");
         let answer = space(objective).default_configuration();
         let search = RecordedSearch {
-            state: Indicators::new(),
-            trials: Vec::new(),
             first_answer: answer.clone(),
             answers: BTreeMap::from([(8, answer.clone())]),
-            disturbed: false,
+            ..RecordedSearch::default()
         };
         book.searches.insert(key(LEFT_OUT, objective, "a", "0@16x12"), search);
         let finals = stage.finals(&book, objective, 2).expect("it is sound").expect("everything is there");
