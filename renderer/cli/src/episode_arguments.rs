@@ -1,4 +1,4 @@
-//! The arguments that define the stretch of motion of an episode.
+//! The stretch of motion of an episode, and how many frames a tree serves.
 
 use std::sync::Arc;
 
@@ -6,6 +6,7 @@ use clap::Args;
 use treewright_renderer::limits::{EPISODE_FRAMES_MAX, EPISODE_TRIANGLES_MAX};
 use treewright_renderer::{
     follow::MotionFacts, frame::Renderer, space::TuningSpace, tuning::objective::Objective,
+    tuning::reuse::FRAMES_PER_BUILD_MAX,
 };
 use treewright_scene::Scene;
 
@@ -68,6 +69,35 @@ fn cycles(text: &str) -> Result<f32, String> {
     match text.parse::<f32>() {
         Ok(cycles) if cycles.is_finite() && cycles != 0.0 => Ok(cycles),
         _ => Err("it must be a number other than 0".to_owned()),
+    }
+}
+
+/// How many frames a tree serves where nobody says it.
+const FRAMES_PER_BUILD: u32 = 16;
+
+/// How many frames a tree serves.
+#[derive(Args, Clone, Copy, Debug)]
+pub(crate) struct ReuseArguments {
+    /// With `--objective auto`: how many frames a tree serves, 1 to 1024. It is a part of the state, so what
+    /// is learnt for 16 frames helps at 64. Default: 16.
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..=i64::from(FRAMES_PER_BUILD_MAX)))]
+    frames_per_build: Option<u32>,
+}
+
+impl ReuseArguments {
+    /// An objective with its number of frames.
+    ///
+    /// # Errors
+    /// A number of frames was given for another objective than `auto`.
+    pub(crate) fn of(self, objective: Objective) -> Result<Objective> {
+        match (objective, self.frames_per_build) {
+            (Objective::Auto(_), frames) => Ok(Objective::Auto(frames.unwrap_or(FRAMES_PER_BUILD))),
+            (other, None) => Ok(other),
+            (other, Some(_)) => Err(CliError::Usage(format!(
+                "--frames-per-build goes with --objective auto; {} has a number of its own",
+                other.name()
+            ))),
+        }
     }
 }
 

@@ -21,7 +21,6 @@ mod names;
 pub mod narrowing;
 pub mod output;
 pub mod report;
-mod reuse_arguments;
 mod scene_arguments;
 pub mod server;
 

@@ -9,7 +9,7 @@ use std::{f32::consts::PI, sync::Arc};
 
 use glam::Vec3;
 
-use super::light_sample::LightSample;
+use super::lamp::LightSample;
 use super::sampling::{AliasTable, luminance};
 use crate::scene::Environment;
 

@@ -8,9 +8,7 @@
 use glam::Vec3;
 use rayon::prelude::*;
 
-use super::{
-    lamp::Lamp, lamp_groups::LampGroups, light_sample::LightSample, random::PathRandom, surface::Surface,
-};
+use super::{lamp::Lamp, lamp::LightSample, lamp_groups::LampGroups, random::PathRandom, surface::Surface};
 use crate::limits::{LAMP_CELLS_MAX, LAMP_GROUPS_PER_CELL_MAX};
 
 /// Places of a cell from which its lamps are tried.

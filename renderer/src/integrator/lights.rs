@@ -15,7 +15,7 @@ use super::lamp_guide::{LampDraw, LampGuide};
 use super::sampling::{AliasTable, Basis, luminance, uniform_cone, uniform_triangle};
 use super::sky_guide::{Shares, SkyGuide};
 use super::{
-    environment::SkyTable, lamp::Lamp, light_sample::LightSample, punctual::PunctualLights, surface::Surface,
+    environment::SkyTable, lamp::Lamp, lamp::LightSample, punctual::PunctualLights, surface::Surface,
 };
 use crate::light_sampling::{LampChoice, LightSampling, SkyChoice};
 use crate::scene::{Material, Scene, Sky, Texture};

@@ -16,7 +16,6 @@ mod lamp;
 mod lamp_groups;
 mod lamp_guide;
 mod lens;
-mod light_sample;
 mod lights;
 pub(crate) mod morton;
 mod multiple;
@@ -45,8 +44,8 @@ use glam::Vec3;
 use serde::Serialize;
 
 pub use bsdf::{Bsdf, BsdfSample, Scatter, Seen};
+pub use lamp::LightSample;
 pub use lens::Lens;
-pub use light_sample::LightSample;
 pub use lights::Lights;
 pub use needs::{Needs, Omission};
 pub(crate) use pilot::learn;

@@ -10,7 +10,7 @@ use super::sky_guide::{Kind, Learnt, LightRecord, SkyGuide};
 use super::surface::{Surface, WorldFacet};
 use super::vertex::{Path, SHADOW_SHARE, Shadow, missed};
 use super::{
-    Counts, View, frame::Frame, lamp_guide::LampGuide, light_sample::LightSample, prepared::Prepared,
+    Counts, View, frame::Frame, lamp::LightSample, lamp_guide::LampGuide, prepared::Prepared,
     sampling::luminance, shadows::through_sheets,
 };
 use crate::film::{Film, Tile};

@@ -8,7 +8,7 @@ use std::sync::Arc;
 
 use glam::Vec3;
 
-use super::light_sample::LightSample;
+use super::lamp::LightSample;
 use super::sampling::{AliasTable, luminance};
 use crate::scene::{Arrival, Punctual, Scene};
 

@@ -8,8 +8,8 @@ use treewright_client::{ClientError, Configuration};
 
 use crate::arguments::{SpaceArguments, StartArguments, ViewArguments, objective};
 use crate::{
-    episode_arguments::EpisodeArguments, error::Result, narrowing::NarrowingArguments, output,
-    reuse_arguments::ReuseArguments, server::ServerArguments,
+    episode_arguments::EpisodeArguments, episode_arguments::ReuseArguments, error::Result,
+    narrowing::NarrowingArguments, output, server::ServerArguments,
 };
 use treewright_renderer::tuning::objective::{Objective, study_id};
 use treewright_scene::indicators::SceneIndicators;

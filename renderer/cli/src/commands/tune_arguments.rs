@@ -11,8 +11,8 @@ use treewright_scene::Camera;
 
 use crate::arguments::{SpaceArguments, StartArguments, ViewArguments, objective, unit_interval};
 use crate::{
-    episode_arguments::EpisodeArguments, error::CliError, error::Result, narrowing::NarrowingArguments,
-    reuse_arguments::ReuseArguments, server::ServerArguments,
+    episode_arguments::EpisodeArguments, episode_arguments::ReuseArguments, error::CliError, error::Result,
+    narrowing::NarrowingArguments, server::ServerArguments,
 };
 
 /// Largest factor of `--abort-above`, which stops nothing that a scene can cost.
