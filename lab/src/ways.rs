@@ -187,7 +187,6 @@ impl Ways<'_> {
     }
 }
 
-/// Whether a world of this name is of a scene.
 fn is_of(world: &str, scene: &str) -> bool {
     world.strip_prefix(scene).is_some_and(|rest| rest.is_empty() || rest.starts_with('-'))
 }

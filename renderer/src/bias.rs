@@ -57,7 +57,6 @@ impl fmt::Display for Bias {
 #[derive(Clone, Copy, Debug, Default)]
 struct Square {
     pixels: f64,
-    /// Mean luminance.
     brightness: f64,
     /// Of that mean.
     variance: f64,

@@ -28,11 +28,9 @@ const DECAY_DEAR: f64 = 1.25;
 /// The age and decay of a structure since its build, which decide when it is rebuilt.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Wear {
-    /// Frames since the build.
     age: u32,
     /// The frame after the build, in milliseconds.
     fresh_ms: Option<f64>,
-    /// Whether the last frame was dear.
     is_dear: bool,
     /// Whether it was too dear, after another dear one.
     is_worn: bool,

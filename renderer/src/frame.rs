@@ -145,7 +145,6 @@ pub struct Renderer {
     /// The run-queue delays of the pool's threads; none where the system does not report them.
     delays: Vec<RunQueueDelay>,
     pub(crate) prepared: Arc<Prepared>,
-    /// The scene at the moments of an episode.
     pub(crate) moments: Vec<Arc<Prepared>>,
     /// The structure that frames are rendered with.
     current: Option<Built>,

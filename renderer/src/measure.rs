@@ -169,7 +169,6 @@ pub fn interleaved(
     contenders.iter().zip(&place).map(of).collect()
 }
 
-/// A built contender, and the times of its build.
 struct Built {
     structure: Structure,
     times: FrameTimes,

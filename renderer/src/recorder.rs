@@ -37,9 +37,7 @@ struct Log {
     sets: [RaySet; RayClass::ALL.len()],
     /// Surfaces the present path was scattered at.
     depth: u32,
-    /// Direction of the latest ray of the path.
     last: Vec3,
-    /// Direction of the latest shadow ray.
     last_shadow: Vec3,
 }
 

@@ -35,7 +35,6 @@ Examples:
   treewright-render tune --scene builtin:city --json tuned.json
   treewright-render converge --scene builtin:city --tuned tuned.json";
 
-/// Arguments of `converge`.
 #[derive(Args, Clone, Debug)]
 #[command(after_help = MORE_HELP)]
 pub(super) struct Arguments {

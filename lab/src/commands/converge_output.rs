@@ -81,7 +81,6 @@ fn seconds(time_ms: f64) -> String {
     }
 }
 
-/// The error of a table, in words.
 fn target_in_words(target: &EqualError) -> String {
     let error = format!("relative error {:.2e}", target.relative_mse);
     match target.samples {

@@ -27,7 +27,6 @@ pub(super) enum Command {
     Parameters(ParametersArguments),
 }
 
-/// Arguments of `evaluate record`.
 #[derive(Args, Clone, Debug)]
 pub(super) struct RecordArguments {
     #[command(flatten)]

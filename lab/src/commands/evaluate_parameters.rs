@@ -20,7 +20,6 @@ const CAMERA: u32 = 0;
 /// The objective of the searches over a few parameters.
 const OBJECTIVE: Objective = Objective::Render;
 
-/// The measured experiment.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum Experiment {
     /// Searches over a few parameters, the others at their recommended values (4.2, Figures 6 to 8).
@@ -31,7 +30,6 @@ enum Experiment {
     Needles,
 }
 
-/// Arguments of `evaluate parameters`.
 #[derive(Args, Clone, Debug)]
 pub(super) struct ParametersArguments {
     #[command(flatten)]
@@ -59,7 +57,6 @@ pub(super) struct ParametersArguments {
     angles: u32,
 }
 
-/// One thing to measure in a scene.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Task {
     Part(Part, u32),
@@ -130,7 +127,6 @@ fn place(scene: &str) -> Place {
     Place { scene: scene.to_owned(), camera: CAMERA }
 }
 
-/// The parts that all measurements share.
 struct Bench<'a> {
     arguments: &'a ParametersArguments,
     open: OpenRecord,

@@ -63,7 +63,6 @@ Examples:
   treewright-lab fleet --record long.jsonl --rounds 31
   treewright-lab fleet --report fleet.jsonl --json";
 
-/// Arguments of `fleet`.
 #[derive(Args, Clone, Debug)]
 pub(super) struct Arguments {
     /// File that keeps all measurements, as JSON Lines. A new run continues where the last one stopped.
@@ -102,7 +101,6 @@ pub(super) struct Arguments {
     node: Option<Vec<String>>,
 }
 
-/// The output of `fleet --json`.
 #[derive(Debug, Serialize)]
 struct FleetResults<'a> {
     conditions: &'a Conditions,
@@ -160,7 +158,6 @@ impl Arguments {
     }
 }
 
-/// The steps of a node.
 const SEARCH: &str = "search";
 const EXAMINE: &str = "examine";
 

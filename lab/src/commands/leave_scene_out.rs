@@ -79,7 +79,6 @@ pub(super) struct Arguments {
     first_answers: bool,
 }
 
-/// The results written beside the book.
 #[derive(Debug, Serialize)]
 struct Judged {
     rows: Vec<Row>,

@@ -19,7 +19,6 @@ use crate::evaluation::page::{Report, html, tables};
 use crate::evaluation::record::{GroupKind, Line, METHOD, OpenRecord, Place, Record, Search};
 use crate::{evaluation::summary::standings, leave_scene_out::suite::Entry};
 
-/// Seed of the random splits.
 const FOLD_SEED: u64 = 1;
 
 /// How cameras are parted, equally in both commands.
@@ -34,7 +33,6 @@ pub(super) struct FoldArguments {
     folds: u32,
 }
 
-/// Arguments of `evaluate verify`.
 #[derive(Args, Clone, Debug)]
 pub(super) struct VerifyArguments {
     #[command(flatten)]
@@ -48,7 +46,6 @@ pub(super) struct VerifyArguments {
     rounds: u32,
 }
 
-/// Arguments of `report`.
 #[derive(Args, Clone, Debug)]
 pub(super) struct ReportArguments {
     #[command(flatten)]

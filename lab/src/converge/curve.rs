@@ -23,7 +23,6 @@ pub(crate) struct Entrant {
     pub(crate) origin: String,
 }
 
-/// The plan of a comparison.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct ComparisonPlan {
     /// Its seed is the first run's.
@@ -43,7 +42,6 @@ pub(crate) struct Point {
     pub(crate) relative_mse: f64,
 }
 
-/// One run of one contender.
 #[derive(Clone, Debug, Serialize)]
 pub(crate) struct Run {
     pub(crate) seed: u64,
@@ -165,7 +163,6 @@ fn is_checkpoint(samples: u32) -> bool {
     nearest == f64::from(samples)
 }
 
-/// One contender in one run.
 struct Lane {
     structure: Structure,
     build_ms: f64,

@@ -16,7 +16,6 @@ const SAMPLES: [u32; 3] = [1, 8, 64];
 /// Whom all others are compared with.
 pub(crate) const BASELINES: [Who; 2] = [NATIVE_DEFAULT, Who::PaperDefault];
 
-/// The times of two contenders to one error.
 #[derive(Clone, Debug, Serialize)]
 pub(crate) struct EqualError {
     /// The baseline's samples with this error; absent for the least error that all reach in every run.
@@ -26,7 +25,6 @@ pub(crate) struct EqualError {
     pub(crate) rows: Vec<Row>,
 }
 
-/// One contender's way to an error.
 #[derive(Clone, Debug, Serialize)]
 pub(crate) struct Row {
     #[serde(rename = "name")]

@@ -18,7 +18,6 @@ pub(crate) const TRUSTED_FROM: f64 = 2.0;
 pub(crate) struct Reference {
     /// Samples a pixel of each of the halves.
     samples_each: u32,
-    /// Two independent pictures.
     halves: [Picture; 2],
 }
 

@@ -311,7 +311,6 @@ fn tuner(space: &Space, schema: &IndicatorSchema, state_tolerance: f64) -> Resul
     Tuner::new(Arc::new(spec)).map_err(not_judged)
 }
 
-/// A trial as the core makes one.
 fn template(space: &Space, schema: &IndicatorSchema, searches: &BTreeMap<&Place, &Search>) -> Result<Trial> {
     let first = searches.values().next().ok_or_else(|| not_judged("it holds no search"))?;
     let mut tuner = tuner(space, schema, 0.0)?;

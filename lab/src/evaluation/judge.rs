@@ -52,7 +52,6 @@ pub(crate) struct Ground {
     pub(crate) curve_ms: Vec<Option<f64>>,
 }
 
-/// An answer at one camera in one fold.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub(crate) struct Row {
     pub(crate) split: Split,
@@ -76,7 +75,6 @@ pub(crate) struct Row {
     pub(crate) prediction_overhead_ms: f64,
 }
 
-/// Everything about one objective.
 #[derive(Clone, Debug, Serialize)]
 pub(crate) struct Verdict {
     pub(crate) objective: Objective,
@@ -169,7 +167,6 @@ pub(crate) fn best_fixed(record: &Record, objective: Objective, places: &[Place]
     View { record, objective }.best_fixed(places)
 }
 
-/// A record by one objective.
 struct View<'a> {
     record: &'a Record,
     objective: Objective,

@@ -2,7 +2,6 @@
 
 use treewright_figures::escaped;
 
-/// A card with a figure.
 pub(super) fn card(svg: &str) -> String {
     format!("<div class=\"card\">{svg}</div>")
 }

@@ -80,7 +80,6 @@ impl Stage {
         Place { scene: self.name.clone(), camera }
     }
 
-    /// The indicators of a place.
     pub(crate) fn state(&self, camera: u32) -> Indicators {
         self.workload.state(&self.scene.with_camera(&self.cameras[camera as usize]))
     }
@@ -210,7 +209,6 @@ fn reason(outcome: &Outcome) -> String {
     }
 }
 
-/// All trials of a search.
 pub(crate) const ALL: usize = usize::MAX;
 /// Trials of a search after which the best so far is measured again.
 pub(crate) const MILESTONES: [usize; 5] = [5, 10, 20, 40, 80];

@@ -41,7 +41,6 @@ const FIRST_PAGE: [(&str, &str); 4] = [
 pub(crate) struct Report<'a> {
     pub(crate) record: &'a Record,
     pub(crate) space: &'a TuningSpace,
-    /// Cameras that are complete.
     pub(crate) complete: usize,
     pub(crate) verdicts: &'a [Verdict],
 }

@@ -66,7 +66,6 @@ fn splitting_section(record: &Record) -> String {
     text + "</ul>"
 }
 
-/// Searches of each part and scene.
 fn by_part(record: &Record) -> BTreeMap<(&'static str, &str), Vec<&PartSearch>> {
     let mut all: BTreeMap<(&'static str, &str), Vec<&PartSearch>> = BTreeMap::new();
     for search in &record.parts {

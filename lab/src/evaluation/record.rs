@@ -58,7 +58,6 @@ pub(crate) struct Conditions {
     pub(crate) space: String,
 }
 
-/// A camera of a scene's path.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub(crate) struct Place {
     pub(crate) scene: String,
@@ -84,14 +83,12 @@ pub(crate) struct Iteration {
     pub(crate) times: Option<FrameTimes>,
 }
 
-/// A search at one place.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Search {
     pub(crate) objective: String,
     /// Its method, e.g. `nelder_mead`.
     pub(crate) method: String,
     pub(crate) place: Place,
-    /// The indicators.
     pub(crate) state: BTreeMap<String, f64>,
     pub(crate) iterations: Vec<Iteration>,
     /// Cores that other programs used meanwhile, where the system tells.

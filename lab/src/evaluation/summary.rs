@@ -43,7 +43,6 @@ pub(crate) struct Standing {
     pub(crate) cameras: usize,
     pub(crate) over_search: Mean,
     pub(crate) of_roofline: Mean,
-    /// Least of all answers.
     pub(crate) of_roofline_least: f64,
     pub(crate) of_roofline_once: Mean,
     pub(crate) over_default: Mean,

@@ -56,13 +56,10 @@ impl Machine {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum Level {
-    /// No measurements.
     Nothing,
-    /// The machine's own.
     Node,
     /// The measurements of its group, its own among them.
     Group,
-    /// The measurements of all machines.
     Fleet,
 }
 

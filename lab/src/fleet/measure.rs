@@ -31,7 +31,6 @@ pub(crate) fn frame_ms(rounds: &RecordedRounds, who: &Who) -> Vec<f64> {
     found.map(|one| one.frame_ms(OBJECTIVE.frames_per_build())).unwrap_or_default()
 }
 
-/// A machine of a fleet that measures.
 #[derive(Debug)]
 pub(crate) struct Node<'a> {
     pub(crate) machine: &'a Machine,

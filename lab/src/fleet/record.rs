@@ -27,7 +27,6 @@ pub(crate) struct Conditions {
     pub(crate) rounds: u32,
 }
 
-/// A measurement of a machine in a scene.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(crate) struct At<T> {
     pub(crate) machine: Machine,

@@ -9,7 +9,6 @@ use treewright_render_cli::error::{CliError, Result};
 /// The program, in the folder of this one.
 const PROGRAM: &str = "treewrightd";
 
-/// A daemon and the folder of its database.
 #[derive(Debug)]
 pub(crate) struct Daemon {
     child: Child,

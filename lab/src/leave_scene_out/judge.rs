@@ -13,7 +13,6 @@ use treewright_renderer::tuning::who::{NATIVE_DEFAULT, NativeUse, Who};
 use super::book::{Book, RecordedContender, RecordedRounds, RecordedSearch, RecordedTrial};
 use crate::ways::ranked;
 
-/// Names of steps in a book.
 pub(crate) const CANDIDATES: &str = "candidates";
 pub(crate) const FINAL: &str = "final";
 pub(crate) const ALONE: &str = "alone";
@@ -21,7 +20,6 @@ pub(crate) const LEFT_OUT: &str = "left-out";
 /// The best fixed configuration of the other scenes in final rounds.
 pub(crate) const FIXED_OF_OTHERS: Who = Who::Named(Cow::Borrowed("best fixed of the other scenes"));
 
-/// The key of rounds and searches.
 pub(crate) fn key(kind: &str, objective: Objective, scene: &str, context: &str) -> String {
     format!("{kind} {} {scene} {context}", objective.name())
 }
@@ -93,7 +91,6 @@ pub(crate) fn fixed_of_others(
     ran_on_all.map(|(one, _)| one).find(|one| !without.contains(&one.to_string()))
 }
 
-/// One scene, objective and context.
 #[derive(Clone, Debug, Serialize)]
 pub(crate) struct Row {
     pub(crate) scene: String,

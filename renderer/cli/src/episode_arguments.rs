@@ -64,7 +64,6 @@ fn kept(scene: &Scene) -> usize {
     scene.triangles.len() + scene.instances.as_ref().map_or(0, |instances| instances.placed().len())
 }
 
-/// Cycles of a scene in an episode.
 fn cycles(text: &str) -> Result<f32, String> {
     match text.parse::<f32>() {
         Ok(cycles) if cycles.is_finite() && cycles != 0.0 => Ok(cycles),

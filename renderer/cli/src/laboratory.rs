@@ -6,7 +6,6 @@ use clap::Args;
 
 use crate::error::{CliError, Result};
 
-/// The program that knows these commands.
 const PROGRAM: &str = "treewright-lab";
 
 /// Whatever stands behind the command's name.

@@ -9,7 +9,6 @@ use treewright_scene::{Environment, Scene, Sky, Up, builtin, load_upright};
 use crate::error::{CliError, Result};
 use crate::names::{number_within, one_of};
 
-/// Prefix of the names of built-in scenes.
 const BUILTIN: &str = "builtin:";
 
 /// Which scene.

@@ -13,7 +13,6 @@ use super::lamp::LightSample;
 use super::sampling::{AliasTable, luminance};
 use crate::scene::Environment;
 
-/// An environment map ready to be sampled.
 #[derive(Clone, Debug)]
 pub(super) struct SkyTable {
     map: Arc<Environment>,

@@ -17,7 +17,6 @@ const FURTHER: u16 = 1 << 15;
 const _: () =
     assert!((BOUNCES_MAX + 2) * (SOLID_WAYS_MAX + 2) < FURTHER as u32, "they share no random number");
 
-/// The data that all tiles of a frame share.
 pub(super) struct Frame<'a> {
     pub(super) prepared: &'a Prepared,
     pub(super) kernel: Kernel,
@@ -33,7 +32,6 @@ pub(super) struct Frame<'a> {
 }
 
 impl<'a> Frame<'a> {
-    /// The next sample of a film.
     pub(super) fn new(prepared: &'a Prepared, view: &View, needs: Needs, film: &Film) -> Self {
         let lens = Lens::new(&view.camera, film.width(), film.height());
         let how = prepared.light_sampling();

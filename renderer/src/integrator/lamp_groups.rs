@@ -10,11 +10,9 @@ use crate::limits::LAMP_GROUPS_MAX;
 /// Emissive triangles in groups, within which they are drawn by power.
 #[derive(Clone, Debug)]
 pub(super) struct LampGroups {
-    /// The triangles, group by group.
     members: Vec<u32>,
     /// Of each member: the share of its group's power that it has together with those before it.
     shares: Vec<f32>,
-    /// The group of each triangle.
     of_lamp: Vec<u32>,
     groups: Vec<LampGroup>,
 }

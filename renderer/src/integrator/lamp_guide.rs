@@ -41,10 +41,8 @@ pub(super) struct LampGuide {
     gain: f32,
 }
 
-/// Marks a slot without a table.
 const EMPTY: u32 = u32::MAX;
 
-/// The lamps that light a cell.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct LampTable {
     /// Its first entry, and the one after its last. There is one at least.
@@ -142,17 +140,14 @@ fn cells(sorted: &[(u64, u32)]) -> impl Iterator<Item = &[(u64, u32)]> {
     sorted.chunk_by(|a, b| a.0 == b.0).filter(|cell| cell.len() >= PLACES_MIN)
 }
 
-/// The data from which the lamps of cells are learnt.
 struct Lesson<'a, F> {
     lamps: &'a [Lamp],
     groups: &'a LampGroups,
     places: &'a [Surface],
     seed: u64,
-    /// Whether light arrives at a surface.
     arrives: F,
 }
 
-/// The lamps of a cell as they were learnt.
 struct CellLamps {
     /// Groups in the order of their numbers, the light that each should bring, and its worth.
     lamps: Vec<(u32, f32, f32)>,

@@ -194,7 +194,6 @@ fn a_sky_that_is_no_longer_learnt_leaves_no_need_behind() {
     assert_eq!(renderer.needs(), before);
 }
 
-/// The variances of two ways in a scene.
 fn variances(name: &str, detail: f32, ways: [LightSampling; 2]) -> [f64; 2] {
     let (mut renderer, view) = renderer(name, detail);
     let options = RenderOptions::default();

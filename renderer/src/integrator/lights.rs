@@ -49,13 +49,11 @@ pub struct Lights {
     punctual_share: f32,
 }
 
-/// The texture of an emissive triangle.
 #[derive(Clone, Copy, Debug)]
 struct Skin {
     texture: u32,
     /// Texture coordinates of the corners.
     corners: [Vec2; 3],
-    /// The factor on the texture.
     factor: Vec3,
 }
 

@@ -6,7 +6,6 @@
 
 use serde::Serialize;
 
-/// Needs by their names and bits.
 macro_rules! needs {
     ($($(#[$about:meta])* $name:ident $bit:literal,)*) => {
         /// The features that shading must have.
@@ -71,7 +70,6 @@ impl Needs {
     /// The needs of which each set has a kernel that can do all of the common ones: the next five.
     const RARE: usize = 31;
     const COMMON_COUNT: usize = 6;
-    /// Number of sets that have kernels.
     pub(super) const SETS: usize = Self::COMMON + 1 + Self::RARE;
 
     const fn rare(self) -> usize {
@@ -104,7 +102,6 @@ impl Needs {
         }
     }
 
-    /// The bit of rough metals.
     const METALS: usize = 1 << (Self::COMMON_COUNT + 5);
 
     /// Whether a kernel for these needs can render a scene with those.

@@ -18,7 +18,6 @@ use crate::light_sampling::LearningTimes;
 
 /// Most pixels of a pilot's frame along either side.
 const EDGE_MAX: u32 = 160;
-/// Samples of each of its pixels.
 const SAMPLES: u32 = 16;
 const TILE: u32 = 16;
 
@@ -109,7 +108,6 @@ fn note(records: &mut Vec<LightRecord>, position: Vec3, ray: &Ray, light: Vec3, 
     }
 }
 
-/// Where a ray meets a surface.
 fn place(prepared: &Prepared, ray: &Ray, hit: &Hit) -> Option<Surface> {
     let facet = &prepared.facets[hit.triangle as usize];
     let standing = WorldFacet::new::<false>(facet, prepared.scene.instance(hit.instance));

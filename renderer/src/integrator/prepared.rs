@@ -34,19 +34,16 @@ pub struct Prepared {
     pub(super) learnt: Learnt,
 }
 
-/// A material ready for shading.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Shading {
     pub(super) bsdf: Bsdf,
     pub(super) emission: Vec3,
-    /// See [`Lights::lamp_density`].
     pub(super) density: f32,
     pub(super) glows: bool,
     /// Whether it has textures; then the rest is that of its factors alone.
     pub(super) textured: bool,
     /// Whether it is a transmitting solid. The BSDF is that of the share that transmits nothing.
     pub(super) solid: bool,
-    /// Its number in the scene.
     pub(super) material: u32,
 }
 

@@ -4,7 +4,6 @@ use super::vertex::{Path, Shadow};
 use super::{places, random::PathRandom, sampling::luminance};
 use crate::light_sampling::LightSampling;
 
-/// The thresholds of a frame.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Roulette {
     /// Luminance at a pixel below which a shadow ray may be left out; 0 for none.

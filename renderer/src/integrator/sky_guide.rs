@@ -32,7 +32,6 @@ const SPREAD: f64 = 0.4;
 /// Least share of shadow rays of a kind of light that there is.
 const SHARE_MIN: f32 = 0.06;
 
-/// Light that came to a surface.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct LightRecord {
     pub(super) position: Vec3,
@@ -71,7 +70,6 @@ pub(super) struct SkyGuide {
     /// Cells per unit of length.
     scale: Vec3,
     cells: UVec3,
-    /// The distribution of each cell.
     of_cell: Vec<u32>,
     distributions: Vec<Distribution>,
     /// Of each distribution.
@@ -161,7 +159,6 @@ impl SkyGuide {
         (Vec3::new(across * cosine, height, across * sine), distribution.densities[bin])
     }
 
-    /// The density with which a direction is drawn from a position.
     #[inline]
     pub(super) fn density(&self, position: Vec3, direction: Vec3) -> f32 {
         self.distribution(position).densities[bin(direction)]

@@ -129,7 +129,6 @@ impl WorldFacet {
     }
 }
 
-/// The normal between those of three corners.
 #[inline(always)]
 pub(super) fn interpolated([a, b, c]: [Vec3; 3], u: f32, v: f32) -> Vec3 {
     let w = 1.0 - u - v;

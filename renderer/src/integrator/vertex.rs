@@ -22,7 +22,6 @@ use crate::limits::SHEETS_PER_SEGMENT_MAX;
 /// A shadow ray ends this share before the light, so that it does not meet the light itself.
 pub(super) const SHADOW_SHARE: f32 = 1.0 - 1e-4;
 
-/// A path between two rays.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Path {
     /// The factor on light that arrives along the ray.
@@ -52,7 +51,6 @@ impl Path {
     }
 }
 
-/// The data that all paths of a frame share.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Tracing {
     pub(super) bounces: u32,
@@ -111,11 +109,9 @@ impl Path {
     }
 }
 
-/// The requests of a vertex.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Next {
     pub(super) shadow: bool,
-    /// The path goes on with a new ray.
     pub(super) goes_on: bool,
 }
 
@@ -135,7 +131,6 @@ impl Shadow {
     };
 }
 
-/// Shading for one set of needs.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Kernel {
     pub(super) needs: Needs,
@@ -151,7 +146,6 @@ macro_rules! kernels {
     };
 }
 
-/// By the numbers of kernels.
 static VERTICES: [Vertex; Needs::SETS] = kernels!(
     0 1 2 3 4 5 6 7 8 9 10 11 12 13 14 15 16 17 18 19 20 21 22 23 24 25 26 27 28 29 30 31
     32 33 34 35 36 37 38 39 40 41 42 43 44 45 46 47 48 49 50 51 52 53 54 55 56 57 58 59 60 61 62 63
@@ -246,15 +240,12 @@ pub(super) fn density_of_finding(pdf: f32, last: bool, distance: f32) -> f32 {
     if last { by_last_ray } else { pdf }
 }
 
-/// The inputs of both kinds of surfaces.
 pub(super) struct Context<'a> {
     pub(super) prepared: &'a Prepared,
     pub(super) surface: &'a Surface,
-    /// No bounce is left.
     pub(super) last: bool,
     /// The path has come by a last ray: no light is sampled.
     last_ray: bool,
-    /// See [`Tracing::follow`].
     follow: f32,
     /// Where the vertex's random numbers begin.
     pub(super) place: u32,

@@ -11,7 +11,6 @@ use super::explained::{Explained, choice, float, integer};
 use super::{Choice, Premises, Preset, TuningSpace};
 use crate::follow::NEVER;
 
-/// Which tree is built.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub(super) enum KeptTree {

@@ -49,7 +49,6 @@ impl LightKinds {
     }
 }
 
-/// The parameters of the kinds of light that there are.
 pub(super) fn parameters(premises: &Premises) -> Vec<Explained> {
     let LightKinds { lamps, sun, sky, shared } = premises.lights;
     let mut all = Vec::new();

@@ -43,7 +43,6 @@ const TABLE_2: [&str; 17] = [
     "0 to 1e-2",
 ];
 
-/// The recommendation of section 4.4 for an objective.
 fn narrowed(recommendation: Recommendation, name: &str) -> String {
     let all = recommendation.narrowings();
     let found = all.iter().find(|one| one.name() == name);

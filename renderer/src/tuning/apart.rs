@@ -89,7 +89,6 @@ impl Known {
 /// Builds by their choice and frames by their configuration, of the last trials of one view.
 #[derive(Debug, Default)]
 pub(super) struct Apart {
-    /// The number of the present trial.
     trial: u64,
     builds: Vec<Seen<BuildChoice>>,
     frames: Vec<Seen<Choice>>,
@@ -111,7 +110,6 @@ impl Apart {
         frames.may_stand_beside(&builds?).then_some(frames.mean)
     }
 
-    /// Takes the frame that was rendered in the trial.
     pub(super) fn rendered(&mut self, choice: &Choice, frame: Timed) {
         if self.accepts(choice, Known::of(choice, &self.frames), frame) {
             self.frames.push(Seen { trial: self.trial, of: *choice, times: frame });

@@ -209,7 +209,6 @@ pub(super) fn trials(
     Ok(all)
 }
 
-/// Costs of some frames of the baseline.
 fn reference(renderer: &mut Renderer, setting: &SearchSetting, film: &mut Film) -> Vec<f64> {
     (0..REFERENCE_FRAMES)
         .filter_map(|_| run_choice(renderer, &setting.baseline, None, setting, film, &mut Apart::default()).1)

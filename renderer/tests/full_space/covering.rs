@@ -9,7 +9,6 @@ use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 use treewright_client::{Configuration, Domain, Parameter, Value};
 use treewright_renderer::space::{ConfigurationError, TuningSpace};
 
-/// A value of the parameter of this name.
 type Level<'a> = (&'a str, Value);
 
 /// Every value of a list; of a range both ends and the default.

@@ -59,7 +59,6 @@ fn room(instanced: bool) -> Scene {
     assembler.finish(Lighting::Given(Sky::BLACK), vec![view()]).expect("the scene is sound")
 }
 
-/// The walls of a room, seen from inside.
 pub(crate) fn walls() -> Part {
     let mut room = Shapes::new();
     room.cuboid(Vec3::new(-4.0, 0.0, -4.0), Vec3::new(4.0, 4.0, 4.0));

@@ -25,7 +25,6 @@ use treewright_renderer::{
 };
 use treewright_scene::Scene;
 
-/// Arguments of `bench`.
 #[derive(Args, Clone, Debug)]
 pub(crate) struct Arguments {
     #[command(flatten)]
@@ -56,7 +55,6 @@ pub(crate) struct Arguments {
     json: Option<PathBuf>,
 }
 
-/// The output of `bench --json`.
 #[derive(Debug, Serialize)]
 struct BenchResults<'a> {
     scene: &'a str,
@@ -257,7 +255,6 @@ fn select(contenders: &mut Vec<Contender>, only: &[String]) -> Result<()> {
     Ok(())
 }
 
-/// Number of rounds that all contenders have run.
 fn rounds(measured: &[Measured]) -> usize {
     measured.iter().filter(|one| one.failure.is_none()).map(|one| one.frames.len()).min().unwrap_or(0)
 }

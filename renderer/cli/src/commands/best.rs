@@ -14,7 +14,6 @@ use crate::{
 use treewright_renderer::tuning::objective::{Objective, study_id};
 use treewright_scene::indicators::SceneIndicators;
 
-/// Arguments of `best`.
 #[derive(Args, Clone, Debug)]
 pub(crate) struct Arguments {
     #[command(flatten)]

@@ -13,7 +13,6 @@ use treewright_renderer::image_file::{self, Exposure, Look, Tone};
 use treewright_renderer::integrator::{Counts, Omission};
 use treewright_renderer::{film::Film, limits::SAMPLES_MAX, space::Choice, statistics::Summary};
 
-/// Arguments of `image`.
 #[derive(Args, Clone, Debug)]
 pub(crate) struct Arguments {
     #[command(flatten)]
@@ -57,7 +56,6 @@ fn tone() -> impl TypedValueParser<Value = Tone> {
     ])
 }
 
-/// The output of `image --json`.
 #[derive(Debug, Serialize)]
 struct Outcome {
     scene: String,

@@ -11,7 +11,6 @@ use treewright_renderer::space::{Explained, Preset};
 use treewright_renderer::tuning::objective::Objective;
 use treewright_scene::{builtin, indicators::SceneIndicators};
 
-/// Arguments of `info`.
 #[derive(Args, Clone, Debug)]
 pub(crate) struct InfoArguments {
     #[command(flatten)]
@@ -23,7 +22,6 @@ pub(crate) struct InfoArguments {
     json: bool,
 }
 
-/// Arguments of `scenes`.
 #[derive(Args, Clone, Debug)]
 pub(crate) struct ListArguments {
     /// Print JSON.
@@ -31,7 +29,6 @@ pub(crate) struct ListArguments {
     json: bool,
 }
 
-/// Arguments of `spaces`.
 #[derive(Args, Clone, Debug)]
 pub(crate) struct SpacesArguments {
     #[command(flatten)]
@@ -44,7 +41,6 @@ pub(crate) struct SpacesArguments {
     json: bool,
 }
 
-/// The output of `spaces --json`.
 #[derive(Debug, Serialize)]
 struct SpaceInfo<'a> {
     name: &'static str,
@@ -53,7 +49,6 @@ struct SpaceInfo<'a> {
     default: Configuration,
 }
 
-/// The output of `info --json`.
 #[derive(Debug, Serialize)]
 struct SceneInfo {
     name: String,

@@ -29,7 +29,6 @@ use treewright_renderer::{
 };
 use treewright_scene::{Scene, camera_path::CameraPath, indicators::SceneIndicators};
 
-/// Arguments of `play`.
 #[derive(Args, Clone, Debug)]
 pub(crate) struct Arguments {
     #[command(flatten)]
@@ -100,7 +99,6 @@ fn at_present(aim: Objective, reuse: &Reuse) -> Objective {
     if matches!(aim, Objective::Auto(_)) { Objective::Auto(reuse.frames_per_build()) } else { aim }
 }
 
-/// One frame of the flight.
 #[derive(Debug, Serialize)]
 struct PlayedFrame {
     number: u32,
@@ -115,7 +113,6 @@ struct PlayedFrame {
     rebuilt: bool,
     times: Option<FrameTimes>,
     waiting_ms: f64,
-    /// Times of this frame with the baseline.
     default_times: Option<FrameTimes>,
 }
 
@@ -127,7 +124,6 @@ impl PlayedFrame {
     }
 }
 
-/// The output of `play --json`.
 #[derive(Debug, Serialize)]
 struct FlightResults {
     scene: String,

@@ -11,7 +11,6 @@ use crate::error::{CliError, Result};
 use treewright_renderer::integrator::{Prepared, View};
 use treewright_renderer::{film::Film, limits::BOUNCES_MAX, recorder::record};
 
-/// Arguments of `rays`.
 #[derive(Args, Clone, Debug)]
 pub(crate) struct Arguments {
     #[command(flatten)]

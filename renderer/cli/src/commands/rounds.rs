@@ -17,7 +17,6 @@ use treewright_renderer::limits::{ROUNDS_MAX, SECOND_PROCESS_S_MAX};
 use treewright_renderer::measure::{Conditions, Contender, Measured, interleaved};
 use treewright_renderer::{disturbance::Watch, frame::Renderer, space::Choice, tuning::who::Who};
 
-/// The name of the hidden command.
 const COMMAND: &str = "rounds";
 /// Fewest rounds that have an interval, and the time after which no further ones begin.
 const ROUNDS_LEAST: u32 = 6;

@@ -40,7 +40,6 @@ const TELL_EVERY: Duration = Duration::from_secs(30);
 /// Of the drawn configurations.
 const SAMPLE_SEED: u64 = 1;
 
-/// Arguments of `sample`.
 #[derive(Args, Clone, Debug)]
 pub(crate) struct Arguments {
     #[command(flatten)]
@@ -93,7 +92,6 @@ pub(crate) struct Arguments {
     name: Option<String>,
 }
 
-/// Where samples are taken.
 struct Place {
     renderer: usize,
     setting: SearchSetting,
@@ -154,7 +152,6 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     sampler.run(&mut renderers, &places)
 }
 
-/// The part of the space that samples are drawn from.
 fn part(arguments: &Arguments, whole: &TuningSpace) -> Result<TuningSpace> {
     let part = arguments.narrowing.of(whole)?;
     if arguments.parameters.is_empty() {
@@ -178,7 +175,6 @@ struct Sampler<'a> {
     interrupt: Interrupt,
 }
 
-/// The progress of a run.
 struct Progress {
     bar: indicatif::ProgressBar,
     begin: Instant,

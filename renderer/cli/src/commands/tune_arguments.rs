@@ -20,7 +20,6 @@ const ABORT_ABOVE_MAX: f64 = 1e6;
 /// That factor where none is given.
 const ABORT_ABOVE: f64 = 4.0;
 
-/// Arguments of `tune`.
 #[derive(Args, Clone, Debug)]
 pub(crate) struct Arguments {
     #[command(flatten)]

@@ -13,7 +13,6 @@ const WORTH_TELLING: f64 = 1.03;
 /// Speeds over the start whose first frame is shown.
 const FACTORS: [f64; 4] = [1.1, 1.2, 1.3, 1.4];
 
-/// A line of the table of measured structures.
 pub(super) struct StandingRow {
     pub(super) name: String,
     pub(super) build_ms: String,
@@ -27,13 +26,11 @@ pub(super) struct StandingRow {
     pub(super) winner: bool,
 }
 
-/// A line of the table of answers on the way.
 pub(crate) struct WayRow {
     pub(crate) trials: u32,
     pub(crate) over_start: String,
 }
 
-/// A line of the table of configurations.
 pub(super) struct ConfigurationRow {
     pub(super) name: String,
     pub(super) about: &'static str,

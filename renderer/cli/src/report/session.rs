@@ -11,7 +11,6 @@ const BEYOND: f64 = 10.0;
 const FRAMES_MAX: f64 = 1e7;
 /// Ratios above this are drawn at the upper edge.
 const RATIO_MAX: f64 = 8.0;
-/// Points of the curve after the search.
 const POINTS: u32 = 60;
 
 /// Frame and time spent by then, over that of the start; the first point is the first frame of the search.

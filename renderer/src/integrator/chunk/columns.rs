@@ -71,7 +71,6 @@ columns! {
         corner: Vectors,
         edges: [Vectors; 2],
         pub(super) longest: Column,
-        /// See [`WorldFacet::place`].
         pub(super) place: Column,
         normals: [Vectors; 3],
         /// 1 where normals are interpolated.

@@ -21,7 +21,6 @@ use super::prepared::{Prepared, Shading};
 use super::vertex::{Next, Path, Shadow, Tracing};
 use super::{Needs, places, surface::WorldFacet};
 
-/// Most hits of a chunk.
 pub(super) const HITS: usize = LANES;
 
 /// Up to [`HITS`] hits.

@@ -19,7 +19,6 @@ struct Held {
     configuration: Configuration,
 }
 
-/// The known samples of a study.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Claims {
     own: String,
