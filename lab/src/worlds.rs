@@ -7,7 +7,7 @@ use std::sync::Arc;
 
 use treewright_render_cli::arguments::SceneArguments;
 use treewright_render_cli::error::CliError;
-use treewright_renderer::limits::{EPISODE_TRIANGLES_MAX, SIZE_MAX, THREADS_MAX};
+use treewright_renderer::{follow::fits, limits::SIZE_MAX, limits::THREADS_MAX};
 use treewright_scene::Scene;
 use treewright_scene::limits::DETAIL_RANGE;
 use treewright_scene::motion::Motion;
@@ -118,16 +118,9 @@ impl WrittenWorld {
     /// As [`WrittenWorld::load`], or its moments would not fit into memory together.
     pub fn check(&self, frames: u32) -> Result<(), CliError> {
         let moments = self.moments(&[0, frames.saturating_sub(1)], frames)?;
-        let kept = |scene: &Scene| {
-            scene.triangles.len() + scene.instances.as_ref().map_or(0, |instances| instances.placed().len())
-        };
-        let most = moments.iter().map(|scene| kept(scene)).max().unwrap_or(0);
-        if self.is_moving() && most.saturating_mul(frames as usize) > EPISODE_TRIANGLES_MAX {
-            return Err(CliError::Failed(format!(
-                "{}: {frames} frames of {most} triangles and instances are more than the {EPISODE_TRIANGLES_MAX} \
-                 that are kept at once; ask for fewer frames",
-                self.name
-            )));
+        for scene in moments.iter().filter(|_| self.is_moving()) {
+            fits(scene, frames)
+                .map_err(|error| CliError::Failed(format!("{}: {error} frames", self.name)))?;
         }
         Ok(())
     }

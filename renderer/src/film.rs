@@ -108,6 +108,11 @@ impl Film {
 }
 
 impl Picture {
+    /// The pixel in this column and row.
+    pub fn pixel(&self, x: u32, y: u32) -> Vec3 {
+        self.pixels[(y * self.width + x) as usize]
+    }
+
     /// Mean luminance.
     pub fn mean_luminance(&self) -> f64 {
         let sum: f64 = self.pixels.iter().map(|&pixel| f64::from(luminance(pixel))).sum();

@@ -11,8 +11,9 @@ use treewright_client::episode_trend;
 use treewright_scene::Scene;
 
 use crate::frame::{FrameTimes, Renderer};
+use crate::limits::{EPISODE_FRAMES_MAX, EPISODE_TRIANGLES_MAX};
 use crate::scheduling::{ThreadTimes, of_process};
-use crate::{film::Film, integrator::View, limits::EPISODE_FRAMES_MAX, space::Choice};
+use crate::{film::Film, integrator::View, space::Choice};
 
 /// The period of structures that are never rebuilt: longer than any episode.
 pub const NEVER: u32 = EPISODE_FRAMES_MAX;
@@ -140,6 +141,26 @@ impl Episode {
     pub fn total_ms(&self) -> f64 {
         self.costs_ms().iter().sum()
     }
+}
+
+/// The number of triangles and instances of which each frame has its own.
+fn kept(scene: &Scene) -> usize {
+    scene.triangles.len() + scene.instances.as_ref().map_or(0, |instances| instances.placed().len())
+}
+
+/// Whether so many frames of a scene can be kept at once.
+///
+/// # Errors
+/// They cannot. The text says why, and ends in that fewer are to be asked for.
+pub fn fits(scene: &Scene, frames: u32) -> Result<(), String> {
+    let kept = kept(scene);
+    if kept.saturating_mul(frames as usize) <= EPISODE_TRIANGLES_MAX {
+        return Ok(());
+    }
+    Err(format!(
+        "{frames} frames of {kept} triangles and instances are more than the {EPISODE_TRIANGLES_MAX} that are kept \
+         at once; ask for fewer"
+    ))
 }
 
 impl Renderer {
@@ -302,6 +323,15 @@ mod tests {
             "tree=native_medium",
         ];
         texts.map(|text| space.choice(&parse(text).expect("words")).expect("it is one of the space")).to_vec()
+    }
+
+    #[test]
+    fn instances_are_kept_too() {
+        let options = builtin::Options { detail: 0.01, ..builtin::Options::default() };
+        let forest = builtin::build("forest", &options).expect("it is built in");
+        assert!(kept(&forest) > forest.triangles.len());
+        let flat = forest.flattened().expect("it is small");
+        assert_eq!(kept(&flat), flat.triangles.len());
     }
 
     #[test]

@@ -121,7 +121,7 @@ fn format_of(path: &Path) -> Result<ImageFormat, ImageFileError> {
 }
 
 fn linear(picture: &Picture) -> ImageBuffer<Rgb<f32>, Vec<f32>> {
-    ImageBuffer::from_fn(picture.width, picture.height, |x, y| Rgb(pixel(picture, x, y).to_array()))
+    ImageBuffer::from_fn(picture.width, picture.height, |x, y| Rgb(picture.pixel(x, y).to_array()))
 }
 
 fn developed(picture: &Picture, look: Look) -> RgbImage {
@@ -131,12 +131,8 @@ fn developed(picture: &Picture, look: Look) -> RgbImage {
         Tone::Plain => encoded_plainly,
     };
     ImageBuffer::from_fn(picture.width, picture.height, |x, y| {
-        Rgb(toned(pixel(picture, x, y) * factor).to_array().map(|channel| (channel * 255.0).round() as u8))
+        Rgb(toned(picture.pixel(x, y) * factor).to_array().map(|channel| (channel * 255.0).round() as u8))
     })
-}
-
-fn pixel(picture: &Picture, x: u32, y: u32) -> Vec3 {
-    picture.pixels[(y * picture.width + x) as usize]
 }
 
 #[cfg(test)]

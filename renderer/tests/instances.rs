@@ -60,7 +60,7 @@ fn coarse(picture: &Picture, square: u32) -> Picture {
     let mean = |x: u32, y: u32| {
         let pixels = (0..square * square).map(|inside| {
             let (x, y) = (x * square + inside % square, y * square + inside / square);
-            picture.pixels[(y * picture.width + x) as usize]
+            picture.pixel(x, y)
         });
         pixels.sum::<Vec3>() / (square * square) as f32
     };

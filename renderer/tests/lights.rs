@@ -77,12 +77,8 @@ impl File {
     }
 }
 
-fn at(picture: &Picture, x: u32, y: u32) -> Vec3 {
-    picture.pixels[(y * picture.width + x) as usize]
-}
-
 fn middle(picture: &Picture) -> Vec3 {
-    at(picture, picture.width / 2, picture.height / 2)
+    picture.pixel(picture.width / 2, picture.height / 2)
 }
 
 /// From above, looking or shining down.
@@ -155,7 +151,7 @@ fn a_twentieth_of_a_degree_is_seen_right() {
     for x in 0..64 {
         let off = ((x as f32 + 0.5) / 32.0 - 1.0) * 500.0 * (0.25_f32).to_radians().tan();
         let cosine = 2.0 / off.hypot(2.0);
-        let (light, expected) = (at(&row, x, 32).x, 1.5 * cosine.powi(3));
+        let (light, expected) = (row.pixel(x, 32).x, 1.5 * cosine.powi(3));
         assert!((light / expected - 1.0).abs() < 0.1, "{x}: {light} and {expected}");
     }
 }

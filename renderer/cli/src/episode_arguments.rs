@@ -3,9 +3,12 @@
 use std::sync::Arc;
 
 use clap::Args;
-use treewright_renderer::limits::{EPISODE_FRAMES_MAX, EPISODE_TRIANGLES_MAX};
+use treewright_renderer::limits::EPISODE_FRAMES_MAX;
 use treewright_renderer::{
-    follow::MotionFacts, frame::Renderer, space::TuningSpace, tuning::objective::Objective,
+    follow::{MotionFacts, fits},
+    frame::Renderer,
+    space::TuningSpace,
+    tuning::objective::Objective,
     tuning::reuse::FRAMES_PER_BUILD_MAX,
 };
 use treewright_scene::Scene;
@@ -48,20 +51,9 @@ impl EpisodeArguments {
         let moving = scene.moving()?;
         let moment = |frame: u32| moving.at(scene.time + self.cycles * frame as f32 / self.episode as f32);
         let first = moment(0)?;
-        let kept = kept(&first);
-        if kept.saturating_mul(self.episode as usize) > EPISODE_TRIANGLES_MAX {
-            return Err(CliError::Usage(format!(
-                "{} frames of {kept} triangles and instances are more than the {EPISODE_TRIANGLES_MAX} that are kept at once; ask for fewer with --episode",
-                self.episode,
-            )));
-        }
+        fits(&first, self.episode).map_err(|error| CliError::Usage(format!("{error} with --episode")))?;
         std::iter::once(Ok(first)).chain((1..self.episode).map(moment)).collect()
     }
-}
-
-/// The number of triangles and instances of which each frame has its own.
-fn kept(scene: &Scene) -> usize {
-    scene.triangles.len() + scene.instances.as_ref().map_or(0, |instances| instances.placed().len())
 }
 
 fn cycles(text: &str) -> Result<f32, String> {
@@ -97,21 +89,5 @@ impl ReuseArguments {
                 other.name()
             ))),
         }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use treewright_scene::builtin;
-
-    use super::*;
-
-    #[test]
-    fn instances_are_kept_too() {
-        let options = builtin::Options { detail: 0.01, ..builtin::Options::default() };
-        let forest = builtin::build("forest", &options).expect("it is built in");
-        assert!(kept(&forest) > forest.triangles.len());
-        let flat = forest.flattened().expect("it is small");
-        assert_eq!(kept(&flat), flat.triangles.len());
     }
 }

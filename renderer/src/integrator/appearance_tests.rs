@@ -64,10 +64,6 @@ fn matt() -> Material {
     Material { base_color: Vec3::ONE, ior: 1.0, ..Material::default() }
 }
 
-fn at(picture: &Picture, x: u32, y: u32) -> Vec3 {
-    picture.pixels[(y * picture.width + x) as usize]
-}
-
 fn glass() -> Material {
     Material {
         base_color: Vec3::ONE,
@@ -92,7 +88,7 @@ fn colours_stand_where_the_picture_has_them() {
     let material = Material { base_color_texture: Some(0), ..matt() };
     let picture = render(scene(&square(), material, vec![quarters], WHITE), Vec3::Z * 4.0, 20.0, 4);
     for (x, y, colour) in [(3, 3, Vec3::X), (12, 3, Vec3::Y), (3, 12, Vec3::Z), (12, 12, Vec3::ONE)] {
-        assert!((at(&picture, x, y) - colour).length() < 0.02, "{}", at(&picture, x, y));
+        assert!((picture.pixel(x, y) - colour).length() < 0.02, "{}", picture.pixel(x, y));
     }
 }
 
@@ -145,7 +141,7 @@ fn rays_pass_where_a_mask_is_clear() {
         .collect();
     open.triangles = Arc::new((*open.triangles).clone().masked(vec![mask], cards).expect("it exists"));
     let picture = render(open, Vec3::Z * 4.0, 20.0, 2);
-    assert_eq!((at(&picture, 3, 8), at(&picture, 12, 8)), (Vec3::ZERO, Vec3::ONE));
+    assert_eq!((picture.pixel(3, 8), picture.pixel(12, 8)), (Vec3::ZERO, Vec3::ONE));
 }
 
 #[test]
@@ -154,8 +150,8 @@ fn blended_textures_let_their_share_through() {
     let material = Material { base_color_texture: Some(0), blends: true, ..matt() };
     let picture = render(scene(&square(), material, vec![half], WHITE), Vec3::Z * 4.0, 20.0, 400);
     // Black itself, it shows three quarters of the white behind it, untinted.
-    assert!((at(&picture, 2, 8) - 0.75).abs().max_element() < 0.08, "{}", at(&picture, 2, 8));
-    assert!(at(&picture, 13, 8).max_element() < 0.01);
+    assert!((picture.pixel(2, 8) - 0.75).abs().max_element() < 0.08, "{}", picture.pixel(2, 8));
+    assert!(picture.pixel(13, 8).max_element() < 0.01);
 }
 
 #[test]
@@ -184,7 +180,7 @@ fn lamps_shine_as_their_texture_does() {
         let half = |range: std::ops::Range<u32>| {
             range
                 .flat_map(|x| (7..16).map(move |y| (x, y)))
-                .map(|(x, y)| f64::from(at(&picture, x, y).y))
+                .map(|(x, y)| f64::from(picture.pixel(x, y).y))
                 .sum::<f64>()
         };
         (half(0..8), half(8..16))
@@ -228,7 +224,7 @@ fn a_ball_of_glass_shows_the_world_upside_down_and_a_thin_one_does_not() {
     let sky = Sky { zenith: Vec3::splat(4.0), horizon: Vec3::ZERO, sun: None };
     let halves = |material: Material| {
         let picture = render(scene(&ball(), material, vec![], sky), Vec3::Z * 3.0, 22.0, 32);
-        let row = |rows: std::ops::Range<u32>| rows.map(|y| at(&picture, 8, y).y).sum::<f32>();
+        let row = |rows: std::ops::Range<u32>| rows.map(|y| picture.pixel(8, y).y).sum::<f32>();
         (row(2..6), row(10..14))
     };
     let (above, below) = halves(glass());

@@ -10,7 +10,9 @@ use super::tests::{quad, scene};
 use crate::film::{Film, Picture};
 use crate::light_sampling::{LampChoice, LightSampling, SkyChoice};
 use crate::scene::{Camera, Material, Sky, Sun, Volume};
-use crate::{frame::Renderer, integrator::View, render_options::RenderOptions, space::Choice};
+use crate::{
+    frame::Renderer, integrator::View, noise::FrameNoise, render_options::RenderOptions, space::Choice,
+};
 
 const SIZE: [u32; 2] = [24, 16];
 /// Pixels of a square of the picture along either side.
@@ -194,16 +196,18 @@ fn a_sky_that_is_no_longer_learnt_leaves_no_need_behind() {
     assert_eq!(renderer.needs(), before);
 }
 
+/// The noise of a frame by a way, once the view was studied.
+fn noise(renderer: &mut Renderer, way: LightSampling) -> FrameNoise {
+    renderer.set_light_sampling(way);
+    let structure = renderer.structure().expect("there is one");
+    let frame = renderer.noisy_frame(structure, &RenderOptions::default());
+    frame.expect("the view was studied").0.noise.expect("it was measured")
+}
+
 fn variances(name: &str, detail: f32, ways: [LightSampling; 2]) -> [f64; 2] {
     let (mut renderer, view) = renderer(name, detail);
-    let options = RenderOptions::default();
-    renderer.study_view(&view, &options, [96, 64]).expect("there is a structure");
-    ways.map(|way| {
-        renderer.set_light_sampling(way);
-        let structure = renderer.structure().expect("there is one");
-        let (times, _) = renderer.noisy_frame(structure, &options).expect("the view was studied");
-        times.noise.expect("it was measured").relative_variance
-    })
+    renderer.study_view(&view, &RenderOptions::default(), [96, 64]).expect("there is a structure");
+    ways.map(|way| noise(&mut renderer, way).relative_variance)
 }
 
 #[test]
@@ -212,10 +216,7 @@ fn no_way_is_taken_for_a_biased_one() {
     let options = RenderOptions::default();
     renderer.study_view(&view, &options, [96, 64]).expect("there is a structure");
     for way in ways() {
-        renderer.set_light_sampling(way);
-        let structure = renderer.structure().expect("there is one");
-        let (times, _) = renderer.noisy_frame(structure, &options).expect("the view was studied");
-        let bias = times.noise.and_then(|noise| noise.bias);
+        let bias = noise(&mut renderer, way).bias;
         let bias = bias.filter(|bias| renderer.finds_again(bias, &options));
         assert_eq!(bias, None, "{way:?}");
     }
@@ -243,12 +244,11 @@ fn more_shadow_rays_at_the_first_hit_leave_less_noise() {
     let options = RenderOptions::default();
     renderer.study_view(&view, &options, [96, 64]).expect("there is a structure");
     let [(one, one_variance), (four, four_variance)] = [1, 4].map(|first_shadow_rays| {
-        renderer.set_light_sampling(LightSampling { first_shadow_rays, ..LightSampling::default() });
+        let way = LightSampling { first_shadow_rays, ..LightSampling::default() };
+        let variance = noise(&mut renderer, way).relative_variance;
         let mut film = Film::new(96, 64);
         let (_, counts) = renderer.render(&view, &options, &mut film).expect("there is a structure");
-        let structure = renderer.structure().expect("there is one");
-        let (times, _) = renderer.noisy_frame(structure, &options).expect("the view was studied");
-        (counts.shadow_rays as f64, times.noise.expect("it was measured").relative_variance)
+        (counts.shadow_rays as f64, variance)
     });
     assert!((four / one - 4.0).abs() < 0.3, "{four} and {one} rays");
     assert!(four_variance < 0.6 * one_variance, "variance {four_variance} and {one_variance}");
