@@ -40,8 +40,8 @@ pub struct Picture {
 }
 
 impl Film {
-    /// An empty film.
-    pub fn new(width: u32, height: u32) -> Self {
+    /// An empty film of so many pixels across and down.
+    pub fn new([width, height]: [u32; 2]) -> Self {
         let blocks = width.div_ceil(BLOCK) as usize * height.div_ceil(BLOCK) as usize;
         Self { width, height, samples: 0, sums: vec![Vec3::ZERO; blocks * BLOCK_PIXELS] }
     }
@@ -158,7 +158,7 @@ mod tests {
     fn pixels_find_their_way_out_of_the_tiles() {
         for (width, height) in [(37, 21), (64, 64), (130, 65), (1, 1)] {
             for edge in [8, 16, 32] {
-                let mut film = Film::new(width, height);
+                let mut film = Film::new([width, height]);
                 for tile in film.tiles(edge) {
                     assert_eq!(tile.sums.len(), (edge * edge) as usize);
                     for (pixel, sum) in tile.sums.iter_mut().enumerate() {
@@ -179,7 +179,7 @@ mod tests {
 
     #[test]
     fn tiles_come_row_by_row() {
-        let mut film = Film::new(32, 24);
+        let mut film = Film::new([32, 24]);
         let places: Vec<(u32, u32)> =
             film.tiles(8).iter().map(|tile| (tile.left / 8, tile.top / 8)).collect();
         assert_eq!(places[..5], [(0, 0), (1, 0), (2, 0), (3, 0), (0, 1)]);

@@ -344,7 +344,7 @@ mod tests {
             let view = View { camera: moments[0].cameras[0], seed: 1, bounces: 2 };
             let mut pictures = Vec::new();
             for choice in choices() {
-                let mut film = Film::new(40, 30);
+                let mut film = Film::new([40, 30]);
                 let episode = renderer.episode(&choice, &view, &mut film, None).expect("it builds");
                 assert!(episode.frames.len() == 6 && !episode.is_stopped);
                 assert!(episode.frames.iter().all(|frame| frame.build_ms > 0.0 && frame.render_ms > 0.0));
@@ -355,7 +355,7 @@ mod tests {
             let last = moments[5].flattened().expect("it is small");
             renderer.set_scene(Arc::new(last));
             renderer.rebuild(&choices()[0].build).expect("it builds");
-            let mut film = Film::new(40, 30);
+            let mut film = Film::new([40, 30]);
             renderer.render(&view, &choices()[0].render, &mut film).expect("it was built");
             let fresh = film.picture();
             // Instances round a little differently, and where leaves overlap a path may turn elsewhere.
@@ -373,7 +373,7 @@ mod tests {
         let mut renderer = Renderer::new(Arc::clone(&moments[0]), 0).expect("Embree starts");
         renderer.set_episode(&moments);
         let view = View { camera: moments[0].cameras[0], seed: 1, bounces: 2 };
-        let mut film = Film::new(40, 30);
+        let mut film = Film::new([40, 30]);
         let episode = renderer.episode(&choices()[0], &view, &mut film, Some(0.0)).expect("it builds");
         assert!(episode.is_stopped && episode.frames.len() == 1);
     }

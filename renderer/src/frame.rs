@@ -285,13 +285,13 @@ impl Renderer {
         &self,
         structure: &Structure,
         view: &View,
-        [width, height]: [u32; 2],
+        size: [u32; 2],
         samples: u32,
         options: &RenderOptions,
     ) -> ([Picture; 2], Vec<f64>) {
         let mut times_ms = Vec::new();
         let pictures = [0, 1].map(|half| {
-            let mut film = Film::new(width, height);
+            let mut film = Film::new(size);
             let view = View { seed: view.seed.wrapping_mul(2).wrapping_add(half), ..*view };
             for _ in 0..samples {
                 times_ms.push(self.render_with(structure, &view, options, &mut film).0);
@@ -539,7 +539,7 @@ mod tests {
         let (built, times) = of_process(|| renderer.rebuild(&native.build));
         assert!(built.is_ok() && times.cpu_ms > 0.0);
         let view = View { camera: scene.cameras[0], seed: 1, bounces: 2 };
-        let mut film = Film::new(64, 48);
+        let mut film = Film::new([64, 48]);
         let begin = Instant::now();
         let ((), times) = renderer.watching_threads(|| {
             for _ in 0..4 {

@@ -38,10 +38,8 @@ pub struct Contender {
 pub struct Conditions {
     /// The rendered view.
     pub view: View,
-    /// Pixels across.
-    pub width: u32,
-    /// Pixels down.
-    pub height: u32,
+    /// Pixels across and down.
+    pub size: [u32; 2],
     /// Measurements of each contender.
     pub rounds: u32,
     /// The number of frames that share a build. Structures are rebuilt for each round all the same, as far as
@@ -212,7 +210,7 @@ fn in_turns(
     }
     // Not what frames are charged: light is learnt once.
     let rounds_per_build = rounds_per_build(milliseconds(begin), conditions.rounds);
-    let mut film = Film::new(conditions.width, conditions.height);
+    let mut film = Film::new(conditions.size);
     let count = contenders.len();
     for round in 0..=conditions.rounds as usize {
         if !go_on() {
@@ -252,14 +250,13 @@ fn in_turns(
 
 /// Prepares the measurement of noise; returns what the learning took.
 fn study(renderer: &mut Renderer, contenders: &[Contender], conditions: &Conditions) -> LearningTimes {
-    let size = [conditions.width, conditions.height];
     contenders
         .iter()
         .find_map(|contender| {
             if renderer.structure().is_none() {
                 renderer.rebuild(&contender.choice.build).ok()?;
             }
-            renderer.study_view(&conditions.view, &contender.choice.render, size)
+            renderer.study_view(&conditions.view, &contender.choice.render, conditions.size)
         })
         .unwrap_or_default()
 }
@@ -427,7 +424,7 @@ mod tests {
         let scene = Arc::new(builtin::build("quick", &options).expect("it is built in"));
         let view = View { camera: scene.cameras[0], seed: 1, bounces: 1 };
         let yardstick = Yardstick::Frame;
-        let conditions = Conditions { view, width: 8, height: 8, rounds, frames_per_build, yardstick };
+        let conditions = Conditions { view, size: [8, 8], rounds, frames_per_build, yardstick };
         (Renderer::new(scene, 0).expect("Embree starts"), conditions)
     }
 

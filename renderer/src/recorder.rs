@@ -109,7 +109,7 @@ mod tests {
         let prepared = Prepared::new(scene.clone());
         let view = View { camera: scene.cameras[0], seed: 1, bounces: 3 };
         let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("one thread");
-        let (mut film, mut plain) = (Film::new(24, 16), Film::new(24, 16));
+        let (mut film, mut plain) = (Film::new([24, 16]), Film::new([24, 16]));
         let choice = BuildChoice::Native(NativeOptions::default());
         let device = Device::open(0).expect("Embree is set up");
         let native = build(&device, &scene.triangles, &choice).expect("it builds");

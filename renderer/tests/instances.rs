@@ -47,7 +47,7 @@ fn picture(scene: Scene, choice: &BuildChoice, samples: u32) -> Picture {
     let view = View { camera: scene.cameras[0], seed: 1, bounces: 3 };
     let mut renderer = Renderer::new(scene, 0).expect("Embree is set up");
     renderer.rebuild(choice).expect("it builds");
-    let mut film = Film::new(96, 72);
+    let mut film = Film::new([96, 72]);
     for _ in 0..samples {
         renderer.render(&view, &RenderOptions::default(), &mut film).expect("it was built");
     }

@@ -69,7 +69,7 @@ impl File {
         let view = View { camera: scene.cameras[0], seed: 1, bounces: 1 };
         let mut renderer = Renderer::new(scene, 1).expect("it starts");
         renderer.rebuild(&BuildChoice::Native(NativeOptions::default())).expect("it is built");
-        let mut film = Film::new(size, size);
+        let mut film = Film::new([size, size]);
         for _ in 0..samples {
             renderer.render(&view, &RenderOptions::default(), &mut film);
         }

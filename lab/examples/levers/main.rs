@@ -223,9 +223,8 @@ fn measured(
     let named = |name: &String| Who::Named(name.clone().into());
     let contender = |(name, choice): &(String, Choice)| Contender { who: named(name), choice: *choice };
     let contenders: Vec<Contender> = ways.iter().map(contender).collect();
-    let [width, height] = world.size;
-    let rounds = arguments.rounds;
-    let conditions = Conditions { view, width, height, rounds, frames_per_build, yardstick };
+    let (size, rounds) = (world.size, arguments.rounds);
+    let conditions = Conditions { view, size, rounds, frames_per_build, yardstick };
     Ok(standings(&interleaved(&mut renderer, &contenders, &conditions, || true), frames_per_build))
 }
 

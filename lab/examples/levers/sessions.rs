@@ -149,20 +149,18 @@ struct Table {
 impl Stage {
     fn new(world: &World, space: &Arc<TuningSpace>) -> Result<Self, Failure> {
         let scene = &world.moments[0];
-        let [width, height] = world.size;
         let setting = SearchSetting {
             // Every measurement builds.
             objective: Objective::Auto(1),
             space: Arc::clone(space),
             baseline: space.default_choice(),
             view: view(scene),
-            width,
-            height,
+            size: world.size,
             frames: 1,
             indicators: Indicators::new(),
         };
         let renderer = Renderer::new(Arc::clone(scene), world.threads)?;
-        let mut stage = Self { renderer, setting, film: Film::new(width, height), known: BTreeMap::new() };
+        let mut stage = Self { renderer, setting, film: Film::new(world.size), known: BTreeMap::new() };
         // The first frame of a scene is slower than all others.
         let start = space.default_configuration();
         stage.times(&start);
@@ -246,10 +244,9 @@ impl Stage {
         let who = |number: usize| Who::Named(number.to_string().into());
         let contender = |(number, choice): (usize, &Choice)| Contender { who: who(number), choice: *choice };
         let contenders: Vec<Contender> = choices.iter().enumerate().map(contender).collect();
-        let SearchSetting { view, width, height, .. } = self.setting;
+        let SearchSetting { view, size, .. } = self.setting;
         let [.., frames_per_build] = SERVED;
-        let conditions =
-            Conditions { view, width, height, rounds, frames_per_build, yardstick: Yardstick::Frame };
+        let conditions = Conditions { view, size, rounds, frames_per_build, yardstick: Yardstick::Frame };
         interleaved(&mut self.renderer, &contenders, &conditions, || true).iter().map(halves).collect()
     }
 }
@@ -341,9 +338,9 @@ fn measured(
 ) -> Result<Table, Failure> {
     let mut stage = Stage::new(&world, space)?;
     let scene = &world.moments[0];
-    let ([width, height], frames) = (world.size, arguments.session_frames);
+    let frames = arguments.session_frames;
     let seen = SceneIndicators::of(scene).with_camera(&stage.setting.view.camera);
-    let workload = Workload::of(scene, width, height, stage.setting.view.bounces);
+    let workload = Workload::of(scene, world.size, stage.setting.view.bounces);
     let mut sessions = Vec::new();
     for served in SERVED {
         let state = Workload { frames_per_build: Some(served), ..workload }.state(&seen);

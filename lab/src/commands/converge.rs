@@ -11,7 +11,7 @@ use crate::converge::equal_error::{BASELINES, equal_error};
 use crate::converge::reference::{Reference, TRUSTED_FROM};
 use crate::converge::results::{ComparisonResults, ContenderResult, ReferenceFacts};
 use crate::{converge::metrics::Yardstick, geometry::geometry_hash};
-use treewright_render_cli::arguments::{Size, ViewArguments};
+use treewright_render_cli::arguments::ViewArguments;
 use treewright_render_cli::error::{CliError, Result, check_folder, write_file};
 use treewright_render_cli::{interrupt::Interrupt, output, server::machine};
 use treewright_renderer::limits::{CONTENDERS_MAX, RUNS_MAX, SAMPLES_MAX, SECONDS_MAX};
@@ -82,7 +82,6 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     let scene = arguments.view.scene.load()?;
     let camera = arguments.view.camera.find(&scene)?;
     let view = arguments.view.frame.view(camera);
-    let Size { width, height } = arguments.view.size;
     let mut renderer = arguments.view.frame.renderer(&scene)?;
     let interrupt = Interrupt::listen();
     if entrants.len() > CONTENDERS_MAX {
@@ -115,7 +114,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
 
     let results = ComparisonResults {
         scene: SceneFacts::of(&scene, &renderer),
-        size: [width, height],
+        size: arguments.view.size.0,
         bounces: view.bounces,
         machine: machine().threads(u32::try_from(renderer.threads()).unwrap_or(u32::MAX)),
         embree: renderer.embree_version(),
@@ -146,11 +145,11 @@ fn reference(
     // No contender's clock runs, so the fastest way that is known without measuring will do.
     let choice = TuningSpace::new(Preset::Full, &Premises::all()).default_choice();
     let (structure, _) = renderer.build(&choice.build)?;
-    let (Size { width, height }, samples) = (arguments.view.size, arguments.reference_spp);
+    let (size, samples) = (arguments.view.size.0, arguments.reference_spp);
     let bar =
         bar(arguments.prints_json(), u64::from(samples.div_ceil(2)), "pairs of the reference's samples");
     let options = &choice.render;
-    let found = Reference::rendered(renderer, &structure, view, options, [width, height], samples, || {
+    let found = Reference::rendered(renderer, &structure, view, options, size, samples, || {
         bar.inc(1);
         !interrupt.requested()
     });

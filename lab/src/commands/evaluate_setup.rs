@@ -144,7 +144,7 @@ impl ConditionArguments {
             version: VERSION,
             machine: with_versions(detect_fingerprint(), threads)?,
             threads,
-            size: [self.size.width, self.size.height],
+            size: self.size.0,
             bounces: BOUNCES,
             clock: Clock::Wall,
             iterations: self.iterations,

@@ -98,7 +98,7 @@ pub(crate) fn compare(
         })
         .collect();
     let reference = yardstick.reference();
-    let size = (reference.width, reference.height);
+    let size = [reference.width, reference.height];
     for run in 0..plan.runs {
         let view = View { seed: run_seed(plan.view.seed, run), ..plan.view };
         let mut lanes: Vec<(usize, Lane)> = Vec::new();
@@ -112,7 +112,7 @@ pub(crate) fn compare(
                     // A contender that learns where light comes from pays for it in each run.
                     let light = curves[index].choice.light;
                     let learning_ms = match light.learns() {
-                        true => renderer.learn_light_with(&structure, &view, [size.0, size.1]).of(&light),
+                        true => renderer.learn_light_with(&structure, &view, size).of(&light),
                         false => 0.0,
                     };
                     lanes.push((index, Lane::new(structure, build_ms + learning_ms, size)));
@@ -121,7 +121,7 @@ pub(crate) fn compare(
             }
         }
         if run == 0 {
-            let mut film = Film::new(size.0, size.1);
+            let mut film = Film::new(size);
             for (index, lane) in &lanes {
                 renderer.set_light_sampling(curves[*index].choice.light);
                 renderer.render_with(&lane.structure, &view, &curves[*index].choice.render, &mut film);
@@ -173,8 +173,8 @@ struct Lane {
 }
 
 impl Lane {
-    fn new(structure: Structure, build_ms: f64, (width, height): (u32, u32)) -> Self {
-        let film = Film::new(width, height);
+    fn new(structure: Structure, build_ms: f64, size: [u32; 2]) -> Self {
+        let film = Film::new(size);
         Self { structure, build_ms, film, render_ms: 0.0, points: Vec::new(), end: None }
     }
 

@@ -28,11 +28,11 @@ impl Reference {
         structure: &Structure,
         view: &View,
         options: &RenderOptions,
-        [width, height]: [u32; 2],
+        size: [u32; 2],
         samples: u32,
         mut go_on: impl FnMut() -> bool,
     ) -> Self {
-        let mut films = [Film::new(width, height), Film::new(width, height)];
+        let mut films = [Film::new(size), Film::new(size)];
         while films[0].samples() < samples.div_ceil(2) && go_on() {
             for (half, film) in films.iter_mut().enumerate() {
                 // Far from the small numbers that people give to contenders.

@@ -46,7 +46,6 @@ impl Stage {
         let scene_hash = geometry_hash(scene);
         record.admit(name, &scene_hash)?;
         let conditions = &record.conditions;
-        let [width, height] = conditions.size;
         let path = CameraPath::of(scene);
         let moment = |camera: u32| (camera as f32 + 0.5) / conditions.cameras as f32;
         Ok(Self {
@@ -55,10 +54,10 @@ impl Stage {
             space: Arc::clone(space),
             cameras: (0..conditions.cameras).map(|camera| path.sample(moment(camera))).collect(),
             scene: SceneIndicators::of(scene),
-            workload: Workload::of(scene, width, height, conditions.bounces),
+            workload: Workload::of(scene, conditions.size, conditions.bounces),
             conditions: conditions.clone(),
             provenance: Provenance { scene_hash, program: env!("CARGO_PKG_VERSION").to_owned() },
-            film: Film::new(width, height),
+            film: Film::new(conditions.size),
         })
     }
 
@@ -67,9 +66,9 @@ impl Stage {
         self.renderer.set_scene(Arc::new(scene));
     }
 
-    pub(crate) fn resize(&mut self, [width, height]: [u32; 2]) {
-        self.conditions.size = [width, height];
-        self.film = Film::new(width, height);
+    pub(crate) fn resize(&mut self, size: [u32; 2]) {
+        self.conditions.size = size;
+        self.film = Film::new(size);
     }
 
     pub(crate) fn set_seed(&mut self, seed: u64) {
@@ -93,8 +92,7 @@ impl Stage {
             space: Arc::clone(&self.space),
             baseline: verdict::baseline(self.space.preset()).choice,
             view,
-            width: self.conditions.size[0],
-            height: self.conditions.size[1],
+            size: self.conditions.size,
             frames: 1,
             indicators: self.state(camera),
         }

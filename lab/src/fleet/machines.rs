@@ -26,18 +26,13 @@ impl fmt::Display for Machine {
 
 impl Machine {
     pub(crate) fn all(isas: &[String], threads: &[usize], sizes: &[Size]) -> Vec<Self> {
-        let of = |isa: &String, threads: usize, size: &Size| Self {
-            isa: isa.clone(),
-            threads,
-            size: [size.width, size.height],
-        };
+        let of = |isa: &String, threads: usize, size: &Size| Self { isa: isa.clone(), threads, size: size.0 };
         let pairs = isas.iter().flat_map(|isa| threads.iter().map(move |threads| (isa, *threads)));
         pairs.flat_map(|(isa, threads)| sizes.iter().map(move |size| of(isa, threads, size))).collect()
     }
 
     pub(crate) fn context(&self) -> Context {
-        let [width, height] = self.size;
-        Context { threads: self.threads, size: Size { width, height } }
+        Context { threads: self.threads, size: Size(self.size) }
     }
 
     /// How it introduces itself to a daemon: the group in the processor's name, since machines of one

@@ -42,7 +42,7 @@ impl Stage {
         context: Context,
         interrupt: Interrupt,
     ) -> Result<Self> {
-        let workload = Workload::of(scene, context.size.width, context.size.height, BOUNCES);
+        let workload = Workload::of(scene, context.size.0, BOUNCES);
         let renderer = Renderer::new(scene.clone(), context.threads)?;
         Ok(Self { renderer, workload, context, scene: name.to_owned(), interrupt })
     }
@@ -110,8 +110,7 @@ impl Stage {
     pub(crate) fn rounds(&mut self, rivals: Vec<Rival>, objective: Objective, rounds: u32) -> RecordedRounds {
         let conditions = Conditions {
             view: self.view(),
-            width: self.context.size.width,
-            height: self.context.size.height,
+            size: self.context.size.0,
             rounds,
             frames_per_build: objective.frames_per_build(),
             yardstick: Yardstick::Frame,
@@ -173,8 +172,7 @@ impl Stage {
             baseline: verdict::baseline(Preset::Full).choice,
             space,
             view: self.view(),
-            width: self.context.size.width,
-            height: self.context.size.height,
+            size: self.context.size.0,
             frames: 1,
             indicators: state.clone(),
         };

@@ -112,7 +112,7 @@ impl FrameArguments {
 
     /// The workload of its frames.
     pub fn workload(&self, scene: &Scene, size: Size) -> Workload {
-        Workload::of(scene, size.width, size.height, self.bounces)
+        Workload::of(scene, size.0, self.bounces)
     }
 
     /// The view from a camera.
@@ -121,18 +121,14 @@ impl FrameArguments {
     }
 }
 
-/// Width and height of a picture.
+/// Pixels of a picture across and down.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Size {
-    /// Pixels across.
-    pub width: u32,
-    /// Pixels down.
-    pub height: u32,
-}
+pub struct Size(pub [u32; 2]);
 
 impl std::fmt::Display for Size {
     fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(formatter, "{}x{}", self.width, self.height)
+        let [width, height] = self.0;
+        write!(formatter, "{width}x{height}")
     }
 }
 
@@ -144,7 +140,7 @@ impl FromStr for Size {
         let (width, height) = text.split_once(['x', 'X']).ok_or_else(wrong)?;
         let edge =
             |text: &str| text.parse().ok().filter(|edge| (1..=SIZE_MAX).contains(edge)).ok_or_else(wrong);
-        Ok(Self { width: edge(width)?, height: edge(height)? })
+        Ok(Self([edge(width)?, edge(height)?]))
     }
 }
 
@@ -444,8 +440,8 @@ mod tests {
 
     #[test]
     fn sizes_are_read_and_refused() {
-        assert_eq!("640x480".parse(), Ok(Size { width: 640, height: 480 }));
-        assert_eq!("1X16384".parse(), Ok(Size { width: 1, height: 16_384 }));
+        assert_eq!("640x480".parse(), Ok(Size([640, 480])));
+        assert_eq!("1X16384".parse(), Ok(Size([1, 16_384])));
         for wrong in ["", "640", "640x", "x480", "0x4", "4x0", "-4x4", "640x480x2", "99999x4", "4.5x4"] {
             assert!(wrong.parse::<Size>().is_err_and(|message| message.contains("WIDTHxHEIGHT")), "{wrong}");
         }

@@ -53,7 +53,7 @@ fn renderer(name: &str, detail: f32) -> (Renderer, View) {
 }
 
 fn picture(renderer: &Renderer, view: &View, options: &RenderOptions, samples: u32) -> Picture {
-    let mut film = Film::new(SIZE[0], SIZE[1]);
+    let mut film = Film::new(SIZE);
     for _ in 0..samples {
         let (_, counts) = renderer.render(view, options, &mut film).expect("there is a structure");
         assert_eq!(counts.bad_samples, 0);
@@ -246,7 +246,7 @@ fn more_shadow_rays_at_the_first_hit_leave_less_noise() {
     let [(one, one_variance), (four, four_variance)] = [1, 4].map(|first_shadow_rays| {
         let way = LightSampling { first_shadow_rays, ..LightSampling::default() };
         let variance = noise(&mut renderer, way).relative_variance;
-        let mut film = Film::new(96, 64);
+        let mut film = Film::new([96, 64]);
         let (_, counts) = renderer.render(&view, &options, &mut film).expect("there is a structure");
         (counts.shadow_rays as f64, variance)
     });

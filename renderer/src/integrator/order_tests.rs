@@ -27,7 +27,7 @@ impl Visitor for Render<'_> {
 
     fn visit<I: Intersector>(self, intersector: &I) -> Self::Output {
         // No multiple of any tile.
-        let mut film = Film::new(53, 37);
+        let mut film = Film::new([53, 37]);
         let view = View { camera: self.prepared.scene.cameras[0], seed: 3, bounces: self.bounces };
         let mut counts = Counts::default();
         for _ in 0..2 {

@@ -42,7 +42,7 @@ pub(crate) fn learn<I: Intersector>(
     let shrink = f64::from(width.max(height)) / f64::from(EDGE_MAX);
     let shrunk =
         |edge: u32| if shrink > 1.0 { (f64::from(edge) / shrink).round().max(1.0) as u32 } else { edge };
-    let mut film = Film::new(shrunk(width), shrunk(height));
+    let mut film = Film::new([width, height].map(shrunk));
     let pixels = film.width() as usize * film.height() as usize;
     // Another picture than those that follow.
     let view = View { seed: view.seed ^ 0x9170_7a5c, ..*view };

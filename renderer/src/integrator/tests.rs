@@ -80,15 +80,10 @@ fn sphere(radius: f32, splits: u32) -> Vec<[Vec3; 3]> {
 }
 
 /// A picture by brute force, path by path, and what was counted.
-pub(super) fn traced(
-    scene: &Arc<Scene>,
-    view: &View,
-    [width, height]: [u32; 2],
-    samples: u32,
-) -> (Picture, Counts) {
+pub(super) fn traced(scene: &Arc<Scene>, view: &View, size: [u32; 2], samples: u32) -> (Picture, Counts) {
     let prepared = Prepared::new(scene.clone());
     let (brute_force, options) = (BruteForce::new(&scene.triangles), RenderOptions::default());
-    let (mut film, mut counts) = (Film::new(width, height), Counts::default());
+    let (mut film, mut counts) = (Film::new(size), Counts::default());
     for _ in 0..samples {
         counts += render_sample(&prepared, &brute_force, view, &options, prepared.needs, &mut film, None).0;
     }

@@ -96,7 +96,7 @@ fn tell(
     setting: &SearchSetting,
     known: &[Rival],
 ) -> Result<(), ClientError> {
-    let mut film = Film::new(setting.width, setting.height);
+    let mut film = Film::new(setting.size);
     for _ in 0..ROUNDS {
         for rival in known {
             let Some(configuration) = &rival.configuration else { continue };

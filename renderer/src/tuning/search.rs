@@ -89,10 +89,8 @@ pub struct SearchSetting {
     pub baseline: Choice,
     /// The rendered view.
     pub view: View,
-    /// Pixels across.
-    pub width: u32,
-    /// Pixels down.
-    pub height: u32,
+    /// Pixels across and down.
+    pub size: [u32; 2],
     /// Frames of each trial; the median counts.
     pub frames: u32,
     /// The state, as the service sees it.
@@ -153,7 +151,7 @@ pub fn run(
     iterations: u32,
     on_iteration: impl FnMut(&Iteration) -> bool,
 ) -> Result<SearchOutcome, ClientError> {
-    let mut film = Film::new(setting.width, setting.height);
+    let mut film = Film::new(setting.size);
     // First frames are slower: memory is touched, threads start, clocks rise. So some do not count.
     reference(renderer, setting, &mut film);
     let watch = Watch::begin();
@@ -171,7 +169,7 @@ pub(super) fn trials(
     iterations: u32,
     mut on_iteration: impl FnMut(&Iteration) -> bool,
 ) -> Result<Vec<Iteration>, ClientError> {
-    let mut film = Film::new(setting.width, setting.height);
+    let mut film = Film::new(setting.size);
     let mut apart = Apart::default();
     let mut all = Vec::new();
     let mut previous: Option<Finished> = None;
@@ -331,8 +329,7 @@ fn run_noisy(
         Ok(ready) => ready,
         Err(error) => return (not_built(&error), None),
     };
-    let size = [setting.width, setting.height];
-    let measured = renderer.study_view(&setting.view, &choice.render, size).and_then(|learning| {
+    let measured = renderer.study_view(&setting.view, &choice.render, setting.size).and_then(|learning| {
         renderer.set_light_sampling(choice.light);
         let (times, threads) = renderer.noisy_frame(renderer.structure()?, &choice.render)?;
         let build_ms = ready.build_ms + learning.of(&choice.light);
@@ -427,8 +424,7 @@ mod tests {
             space: Arc::new(TuningSpace::new(Preset::Full, &Premises::all())),
             baseline: baseline(Preset::Full).choice,
             view: View { camera: renderer.scene().cameras[0], seed: 1, bounces: 1 },
-            width: 40,
-            height: 30,
+            size: [40, 30],
             frames: 1,
             indicators: Indicators::new(),
         };
@@ -451,7 +447,7 @@ mod tests {
     fn a_trial_is_stopped_by_its_cap_and_by_nothing_else() {
         let (mut renderer, mut setting) = small(Objective::Total);
         let default = setting.space.default_configuration();
-        let mut film = Film::new(setting.width, setting.height);
+        let mut film = Film::new(setting.size);
         for frames in [1, 3] {
             setting.frames = frames;
             let (outcome, times) = trial(&mut renderer, &default, Some(0.0), &setting, &mut film);
@@ -469,7 +465,7 @@ mod tests {
     #[test]
     fn a_structure_serves_a_few_trials_where_builds_are_shared_and_one_where_they_are_not() {
         let (mut renderer, mut setting) = small(Objective::Render);
-        let mut film = Film::new(setting.width, setting.height);
+        let mut film = Film::new(setting.size);
         // Not the baseline, which is another on each kind of processor.
         let [quick, good] = [NativeQuality::Low, NativeQuality::High].map(Choice::native);
         let mut served = |setting: &SearchSetting, choice: &Choice| {
@@ -498,7 +494,7 @@ mod tests {
     #[test]
     fn in_real_time_a_frame_that_is_known_is_not_rendered() {
         let (mut renderer, setting) = small(Objective::Total);
-        let mut film = Film::new(setting.width, setting.height);
+        let mut film = Film::new(setting.size);
         let choice = Choice::native(NativeQuality::Low);
         // Builds of any time that a test may take.
         let builds_ms = [10.0, 10_000.0, 10.0, 10_000.0, 10.0];

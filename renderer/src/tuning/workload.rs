@@ -24,10 +24,8 @@ const FRAMES_PER_BUILD: &str = "frames_per_build";
 /// The workload of a frame, beside its scene and camera.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Workload {
-    /// Pixels across.
-    pub width: u32,
-    /// Pixels down.
-    pub height: u32,
+    /// Pixels across and down.
+    pub size: [u32; 2],
     /// Most bounces of a path.
     pub bounces: u32,
     /// Whether the scene has lights that shadow rays are sent to.
@@ -40,15 +38,15 @@ pub struct Workload {
 
 impl Workload {
     /// For a scene.
-    pub fn of(scene: &Scene, width: u32, height: u32, bounces: u32) -> Self {
+    pub fn of(scene: &Scene, size: [u32; 2], bounces: u32) -> Self {
         let shadow_rays = scene.has_sampled_lights();
-        Self { width, height, bounces, shadow_rays, motion: None, frames_per_build: None }
+        Self { size, bounces, shadow_rays, motion: None, frames_per_build: None }
     }
 
     /// The state, as the service sees it.
     pub fn state(&self, scene_and_camera: &SceneAndCamera) -> Indicators {
         let mut values = scene_and_camera.values();
-        values.insert(PIXELS.to_owned(), f64::from(self.width) * f64::from(self.height));
+        values.insert(PIXELS.to_owned(), self.size.map(f64::from).iter().product());
         values.insert(BOUNCES.to_owned(), f64::from(self.bounces));
         values.insert(SHADOW_RAYS.to_owned(), f64::from(u8::from(self.shadow_rays)));
         if let Some(motion) = &self.motion {
@@ -104,7 +102,7 @@ mod tests {
         let options = builtin::Options { detail: 0.02, ..builtin::Options::default() };
         let scene = builtin::build("quick", &options).expect("it is built in");
         let camera = SceneIndicators::of(&scene).with_camera(&scene.cameras[0]);
-        let state = |width| Workload::of(&scene, width, 240, 3).state(&camera);
+        let state = |width| Workload::of(&scene, [width, 240], 3).state(&camera);
         let names: Vec<&str> = schema().map(|(name, ..)| name).collect();
         assert_eq!(names.len(), SCHEMA.len() + 3);
         let given = state(320);

@@ -104,7 +104,7 @@ fn same(known: &Option<Hit>, found: &Option<Hit>) -> bool {
 
 fn picture(renderer: &Renderer, structure: &Structure, options: &RenderOptions) -> Picture {
     let view = View { camera: renderer.scene().cameras[0], seed: 1, bounces: 2 };
-    let mut film = Film::new(40, 30);
+    let mut film = Film::new([40, 30]);
     renderer.render_with(structure, &view, options, &mut film);
     film.picture()
 }

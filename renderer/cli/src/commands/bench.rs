@@ -150,8 +150,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let mut renderer = arguments.view.frame.renderer(&scene)?;
     let conditions = Conditions {
         view: arguments.view.frame.view(camera),
-        width: arguments.view.size.width,
-        height: arguments.view.size.height,
+        size: arguments.view.size.0,
         rounds: arguments.rounds,
         frames_per_build: 1,
         yardstick: Yardstick::Frame,
@@ -189,7 +188,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         let results = BenchResults {
             scene: &scene.name,
             triangles: scene.triangles.len(),
-            size: [arguments.view.size.width, arguments.view.size.height],
+            size: arguments.view.size.0,
             threads: renderer.threads(),
             rounds: rounds(&measured),
             disturbance,

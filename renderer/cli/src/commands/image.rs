@@ -86,10 +86,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let build_ms = renderer.rebuild(&choice.build)?;
     let view = arguments.frame.view(camera);
     if choice.light.learns() {
-        renderer.learn_light(&view, [arguments.size.width, arguments.size.height]);
+        renderer.learn_light(&view, arguments.size.0);
     }
     renderer.set_light_sampling(choice.light);
-    let mut film = Film::new(arguments.size.width, arguments.size.height);
+    let mut film = Film::new(arguments.size.0);
     let (mut counts, mut render_ms) = (Counts::default(), Vec::new());
     let interrupt = Interrupt::listen();
     let bar =

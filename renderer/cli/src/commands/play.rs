@@ -280,7 +280,7 @@ impl Flight {
             seed: arguments.frame.seed,
             bounces: arguments.frame.bounces,
         };
-        let mut film = Film::new(arguments.size.width, arguments.size.height);
+        let mut film = Film::new(arguments.size.0);
         let built = renderer.build(&baseline.build)?;
         // Warms threads, caches and clocks.
         renderer.render_with(&built.0, &view, &baseline.render, &mut film);

@@ -49,7 +49,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let choice = BuildChoice::Native(NativeOptions::default());
     let structure = build(&Device::open(0)?, &scene.triangles, &choice)?;
     let view = View { camera, seed: arguments.seed, bounces: arguments.bounces };
-    let mut film = Film::new(arguments.size.width, arguments.size.height);
+    let mut film = Film::new(arguments.size.0);
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(1)
         .build()

@@ -130,8 +130,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
                 space: Arc::clone(&part),
                 baseline: verdict::baseline(whole.preset()).choice,
                 view: arguments.frame.view(camera),
-                width: arguments.size.width,
-                height: arguments.size.height,
+                size: arguments.size.0,
                 frames: arguments.frames,
                 indicators: state,
             };
@@ -217,8 +216,7 @@ impl Sampler<'_> {
         let now = Instant::now();
         let mut progress =
             Progress { bar: output::bar(all, "samples"), begin: now, shown: now, own: 0, failed: 0, all };
-        let mut films: Vec<Film> =
-            places.iter().map(|place| Film::new(place.setting.width, place.setting.height)).collect();
+        let mut films: Vec<Film> = places.iter().map(|place| Film::new(place.setting.size)).collect();
         // Ready once a first frame, which is slower than all others, was rendered.
         let mut warm = vec![false; renderers.len()];
         loop {

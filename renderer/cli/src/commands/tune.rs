@@ -74,8 +74,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         space: Arc::clone(&space),
         baseline: baseline.choice,
         view: arguments.view.frame.view(camera),
-        width: arguments.view.size.width,
-        height: arguments.view.size.height,
+        size: arguments.view.size.0,
         frames: arguments.frames(),
         indicators: state,
     };
@@ -173,7 +172,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     notes.push(format!("{searched} trials searched, and {confirming} more ran the best few in turns"));
     let results = TuningResults {
         scene: SceneFacts::of(&scene, &renderer),
-        size: [arguments.view.size.width, arguments.view.size.height],
+        size: arguments.view.size.0,
         frames_per_trial: arguments.frames(),
         objective: arguments.objective,
         space: space.preset(),

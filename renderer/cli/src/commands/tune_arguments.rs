@@ -139,8 +139,7 @@ impl Arguments {
     pub(super) fn conditions(&self, camera: Camera) -> Conditions {
         Conditions {
             view: self.view.frame.view(camera),
-            width: self.view.size.width,
-            height: self.view.size.height,
+            size: self.view.size.0,
             rounds: self.rounds,
             frames_per_build: self.objective.frames_per_build(),
             yardstick: self.objective.yardstick(),

@@ -73,10 +73,10 @@ fn picture(renderer: &mut Renderer, setting: &SearchSetting, choice: &Choice) ->
         CliError::Failed(format!("the pictures of the report cannot be rendered: {error}"))
     })?;
     if choice.light.learns() {
-        renderer.learn_light_with(&structure, &setting.view, [setting.width, setting.height]);
+        renderer.learn_light_with(&structure, &setting.view, setting.size);
     }
     renderer.set_light_sampling(choice.light);
-    let mut film = Film::new(setting.width, setting.height);
+    let mut film = Film::new(setting.size);
     for _ in 0..PICTURE_SAMPLES {
         renderer.render_with(&structure, &setting.view, &choice.render, &mut film);
     }
