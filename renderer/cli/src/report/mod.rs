@@ -10,7 +10,7 @@ pub(crate) mod session;
 use askama::Template;
 use base64::{Engine, engine::general_purpose::STANDARD};
 
-use parts::{ConfigurationRow, StandingRow, WayRow};
+use parts::WayRow;
 
 use crate::error::{CliError, Result};
 use treewright_renderer::film::{Film, Picture};
@@ -23,41 +23,21 @@ use treewright_renderer::{
 /// Samples a pixel of the report's two pictures.
 const PICTURE_SAMPLES: u32 = 24;
 
-/// The page. Numbers arrive as text, ready to be read.
+/// The page: the results, and what it shows several times or of the pictures as text.
 #[derive(Template)]
 #[template(path = "report.html")]
 struct Page<'a> {
-    scene: &'a str,
+    results: &'a TuningResults,
     triangles: String,
-    size: String,
-    headline: String,
-    explanation: String,
     per: &'a str,
     unit: &'a str,
     default_image: String,
     tuned_image: String,
-    baseline: &'a Who,
     default_ms: String,
     tuned_ms: String,
     best: String,
-    gains: String,
     pictures: String,
-    what_was_tuned: &'static str,
-    standings: Vec<StandingRow>,
-    chart: String,
     way: Vec<WayRow>,
-    until: Option<String>,
-    start: &'a Who,
-    session: Option<String>,
-    search_summary: String,
-    prediction: Option<String>,
-    configurations: Vec<ConfigurationRow>,
-    has_prediction: bool,
-    overhead: String,
-    safety: Option<String>,
-    break_even: String,
-    machine: String,
-    study: &'a str,
     notes: Vec<String>,
 }
 
@@ -86,37 +66,17 @@ fn picture(renderer: &mut Renderer, setting: &SearchSetting, choice: &Choice) ->
 fn page(results: &TuningResults, default: &Picture, tuned: &Picture) -> Result<String> {
     let frame_ms = |who: &Who| results.standing(who).map_or(0.0, |standing| standing.frame_ms.median);
     let page = Page {
-        scene: &results.scene.name,
+        results,
         triangles: parts::thousands(results.scene.triangles),
-        size: format!("{} × {}", results.size[0], results.size[1]),
-        headline: parts::headline(results),
-        explanation: parts::explanation(results),
         per: if results.objective == Objective::Error { "to an error of 10 %" } else { "a frame" },
         unit: if results.objective == Objective::Error { "ms to 10 % error" } else { "frame, ms" },
         default_image: data_url(default)?,
         tuned_image: data_url(tuned)?,
-        baseline: &results.baseline,
-        what_was_tuned: parts::what_was_tuned(results),
         default_ms: format!("{:.1}", frame_ms(&results.baseline)),
         best: results.standing(&results.best).map_or_else(|| results.best.to_string(), Standing::title),
-        gains: parts::gains(results),
         tuned_ms: format!("{:.1}", frame_ms(&results.best)),
         pictures: parts::pictures(results, default.mean_relative_difference(tuned), PICTURE_SAMPLES),
-        standings: parts::standings(results),
-        chart: chart::svg(results),
         way: parts::on_the_way(results),
-        until: parts::until(results),
-        start: &results.began_at,
-        session: session::svg(results),
-        search_summary: parts::search_summary(results),
-        prediction: parts::prediction(results),
-        configurations: parts::configurations(results),
-        has_prediction: results.prediction.is_some(),
-        overhead: parts::overhead(results),
-        safety: parts::safety(results),
-        break_even: parts::break_even(results),
-        machine: parts::machine(results),
-        study: &results.study,
         notes: results.notes.iter().chain(&results.scene.notes).cloned().collect(),
     };
     page.render().map_err(|error| CliError::Failed(format!("the report cannot be put together: {error}")))
