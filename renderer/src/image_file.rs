@@ -6,7 +6,6 @@
 
 use std::path::{Path, PathBuf};
 
-use glam::Vec3;
 use image::{DynamicImage, ImageBuffer, ImageFormat, Rgb, RgbImage};
 
 use crate::film::Picture;
@@ -137,6 +136,8 @@ fn developed(picture: &Picture, look: Look) -> RgbImage {
 
 #[cfg(test)]
 mod tests {
+    use glam::Vec3;
+
     use super::*;
 
     fn grey(level: f32) -> Picture {
