@@ -60,5 +60,5 @@ peers: ## compare the searches with Optuna, SMAC3, Nevergrad, scipy and Kernel T
 	@test -d target/peers/kernel || { mkdir -p target/peers/kernel && cd target/peers/kernel && \
 		../env/bin/pip download --quiet --no-deps --no-binary :all: autotuning-methodology==1.1.0 && \
 		tar xzf *.tar.gz --wildcards --strip-components=5 '*/mockfiles/mock_gpu.json'; }
-	@for suite in floor-held-out bbob-held-out grid-held-out grid-told-held-out made-kernels kernel-told bbob bbob-noiseless grid kernel; do \
+	@for suite in floor-held-out bbob-held-out grid-held-out grid-told-held-out made-kernels zlib kernel-told bbob bbob-noiseless grid kernel; do \
 		target/peers/env/bin/python tests/peers/run.py --suite $$suite --folder target/peers/kernel --out target/peers/$$suite.jsonl || exit 1; done

@@ -34,6 +34,9 @@ class Method:
         self.worst = max(self.worst, cost)
         return cost
 
+    def exceeds(self, excess):
+        """Hears by how much the configuration that it asked for exceeds each limit, before `tell`. Most have no word for it."""
+
     def tell(self, configuration, cost):
         self.told.append((configuration, cost))
 

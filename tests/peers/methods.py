@@ -26,6 +26,8 @@ from problems import active, broken
 REFUSALS_MAX, REFUSALS_UNLEARNT = 1000, 50
 ROOT = pathlib.Path(__file__).resolve().parent.parent.parent
 ASK_TELL = pathlib.Path(os.environ.get("ASK_TELL", ROOT / "target" / "release" / "examples" / "ask_tell"))
+# The program of an earlier version.
+ASK_TELL_BEFORE = os.environ.get("ASK_TELL_BEFORE")
 
 
 class Treewright(Method):
@@ -33,12 +35,13 @@ class Treewright(Method):
     default first by itself."""
 
     search = "auto"
+    program = ASK_TELL
     recommends = "own model"
     takes_constraints = True
 
     def __init__(self, parameters, constraints, budget, seed):
         super().__init__(parameters, constraints, budget, seed)
-        self.process = subprocess.Popen([str(ASK_TELL)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+        self.process = subprocess.Popen([str(self.program)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
         self.nanoseconds = 0
         study = {
             "display_name": "", "state_tolerance": 0.01, "seed": seed,
@@ -119,6 +122,16 @@ class TreewrightBestMeasured(Treewright):
 
     def recommend(self):
         return Method.recommend(self)
+
+
+class TreewrightBefore(Treewright):
+    """An earlier version, on limits alone: its `ask_tell` is named by the environment."""
+
+    program = ASK_TELL_BEFORE
+
+    @classmethod
+    def takes(cls, problem):
+        return cls.program is not None and bool(problem.limits)
 
 
 class Random(Method):
@@ -250,6 +263,27 @@ class Optuna(Method):
             self.study.tell(self.trial, state=optuna.trial.TrialState.FAIL)
         else:
             self.study.tell(self.trial, cost)
+
+
+class OptunaLimited(Optuna):
+    """The same, which hears of each run by how much it exceeds the limits: more than all others hear, who only hear that it
+    cannot be used. Such a run is told as pruned, since failed trials are not learnt from."""
+
+    @classmethod
+    def takes(cls, problem):
+        return bool(problem.limits)
+
+    def exceeds(self, excess):
+        for name, amount in excess.items():
+            self.trial.set_constraint(name, amount)
+
+    def tell(self, configuration, cost):
+        import optuna
+
+        if cost is not None:
+            return super().tell(configuration, cost)
+        Method.tell(self, configuration, cost)
+        self.study.tell(self.trial, state=optuna.trial.TrialState.PRUNED)
 
 
 class OptunaIndependent(Optuna):
@@ -398,11 +432,13 @@ METHODS = {
     "treewright-nelder-mead": TreewrightNelderMead,
     "treewright-model": TreewrightModel,
     "treewright-best-measured": TreewrightBestMeasured,
+    "treewright-before": TreewrightBefore,
     "random": Random,
     "scipy-sobol": ScipySobol,
     "scipy-lhs-nm": ScipyNelderMead,
     "scipy-lhs-powell": ScipyPowell,
     "optuna-tpe": Optuna,
+    "optuna-tpe-limited": OptunaLimited,
     "optuna-tpe-independent": OptunaIndependent,
     "optuna-cma": OptunaCmaEs,
     "optuna-gp": OptunaGp,

@@ -55,10 +55,16 @@ class Problem:
     name = ""
     parameters: list[Parameter] = []
     constraints: tuple[str, ...] = ()
+    # Names of what must not exceed a limit, and is only known after a run.
+    limits: tuple[str, ...] = ()
     noise = 0.0
 
     def gap(self, configuration):
         raise NotImplementedError
+
+    def excess(self, configuration):
+        """By how much a run exceeds each of the limits; at most 0 where it keeps it."""
+        return {}
 
     def measure(self, configuration, random):
         cost = self.gap(configuration)
@@ -203,6 +209,38 @@ class Recorded(Problem):
         return self.true.get(self._key(configuration), math.inf) / self.best
 
 
+class Limited(Problem):
+    """The time of zlib with a limit on what comes out (see `record_pairs.py`), with 3 % noise: 63 % of the settings exceed it,
+    and cannot be used. The default can."""
+
+    failing, noise, limits = 0.63, 0.03, ("size",)
+
+    def __init__(self, path):
+        pair = json.loads(pathlib.Path(path).read_text())
+        self.name = pair["name"]
+        self.parameters = [self._parameter(name, values, pair["default"][name]) for name, values in pair["parameters"].items()]
+        both = zip(pair["first"], pair["second"], strict=True)
+        self.known = dict(zip(itertools.product(*pair["parameters"].values()), both, strict=True))
+        self.limit = sorted(pair["second"])[int((1 - self.failing) * len(self.known))]
+        self.best = min(cost for cost, size in self.known.values() if size <= self.limit)
+
+    @staticmethod
+    def _parameter(name, values, default):
+        if isinstance(default, str):
+            return Parameter(name, "choice", values=tuple(values), default=default)
+        return Parameter(name, "integer", values[0], values[-1], default=default)
+
+    def _pair(self, configuration):
+        return self.known[tuple(configuration[each.name] for each in self.parameters)]
+
+    def excess(self, configuration):
+        return {"size": self._pair(configuration)[1] - self.limit}
+
+    def gap(self, configuration):
+        cost, size = self._pair(configuration)
+        return cost / self.best if size <= self.limit else math.inf
+
+
 class Kernel(Problem):
     """A compute kernel's recorded landscape, as Kernel Tuner writes it: every combination that can be run, all else cannot.
 
@@ -271,6 +309,8 @@ DIMENSIONS = (2, 5, 10)
 # Instances of held-out functions: another one for each seed, so that shifts and rotations differ too.
 INSTANCES_FROM = 101
 GRIDS_HELD_OUT_FROM = 5000
+# Where the landscapes are that are kept.
+RECORDED = pathlib.Path(__file__).resolve().parent / "recorded"
 
 
 def suite(name, folder=None):
@@ -297,10 +337,12 @@ def suite(name, folder=None):
         return [lambda _, path=path: Kernel(path, constraints) for path in sorted(pathlib.Path(folder).glob("mock_gpu.json"))]
     if name == "made-kernels":
         return [lambda seed, kernel=kernel: MadeKernel(kernel, seed) for kernel in KERNELS]
+    if name == "zlib":
+        return [lambda _, of=of: Limited(RECORDED / f"zlib-{of}-size.json") for of in ("words", "mesh")]
     if name == "recorded":
         return [lambda _, path=path: Recorded(path) for path in sorted(pathlib.Path(folder).glob("*.json"))]
     raise SystemExit(f"there is no suite {name}; there are {', '.join(SUITES)}")
 
 
 SUITES = ("bbob", "bbob-noiseless", "bbob-held-out", "floor-held-out", "grid", "grid-held-out", "grid-told", "grid-told-held-out",
-          "kernel", "kernel-told", "made-kernels", "recorded")
+          "kernel", "kernel-told", "made-kernels", "recorded", "zlib")

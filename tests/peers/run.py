@@ -5,7 +5,8 @@
     tests/peers/run.py --suite bbob --methods treewright,optuna-tpe --seeds 15 --out bbob.jsonl
 
 Each line of the output is one run: the quality of what the optimiser would recommend after 20, 40 and 80 trials,
-and the time it took to think. A run that is in the file already is not repeated, so an interrupted comparison goes
+and the time it took to think. With limits (`--suite zlib`) also after 10, with the best that ran and the number that failed.
+A run that is in the file already is not repeated, so an interrupted comparison goes
 on where it stopped. The table at the end is made from the whole file (`tables.py`).
 """
 
@@ -13,6 +14,7 @@ import argparse
 import collections
 import concurrent.futures
 import json
+import math
 import pathlib
 import sys
 import time
@@ -22,7 +24,7 @@ import numpy
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
 from methods import METHODS  # noqa: E402
 from problems import SUITES, suite  # noqa: E402
-from tables import CHECKPOINTS, rows, table  # noqa: E402
+from tables import CHECKPOINTS, MARKS_OF_LIMITS, rows, table  # noqa: E402
 
 
 def run(suite_name, folder, index, method, seed, budget):
@@ -30,20 +32,26 @@ def run(suite_name, folder, index, method, seed, budget):
     problem = suite(suite_name, folder)[index](seed)
     random = numpy.random.default_rng([11, index, seed])  # the noise: the same for every optimiser
     optimiser = METHODS[method](problem.parameters, problem.constraints, budget, seed)
-    quality, thinking_s = {}, 0.0
+    marks = MARKS_OF_LIMITS if problem.limits else CHECKPOINTS
+    quality, ran, failed, thinking_s = {}, {}, 0, 0.0
+    least = math.inf
     for trial in range(1, budget + 1):
         begin = time.perf_counter()
         configuration = optimiser.ask()
         thinking_s += time.perf_counter() - begin
         cost = problem.measure(configuration, random)
+        failed += cost is None
+        least = min(least, problem.gap(configuration))
         begin = time.perf_counter()
+        optimiser.exceeds(problem.excess(configuration))
         optimiser.tell(configuration, cost)
         thinking_s += time.perf_counter() - begin
-        if trial in CHECKPOINTS:
-            quality[trial] = problem.gap(optimiser.recommend())
+        if trial in marks:
+            quality[trial], ran[trial] = problem.gap(optimiser.recommend()), least
     optimiser.close()
-    return {"suite": suite_name, "problem": problem.name, "index": index, "method": method, "seed": seed, "gap": quality,
-            "ms_per_trial": 1e3 * thinking_s / budget}
+    row = {"suite": suite_name, "problem": problem.name, "index": index, "method": method, "seed": seed, "gap": quality,
+           "ms_per_trial": 1e3 * thinking_s / budget}
+    return row | {"ran": ran, "failed": failed} if problem.limits else row
 
 
 def main():

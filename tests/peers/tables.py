@@ -21,15 +21,18 @@ HERE = pathlib.Path(__file__).resolve().parent
 PAGES, RESULTS = HERE.parent.parent / "docs" / "measurements", HERE / "results"
 BEGIN, END = "<!-- peers: made by tests/peers/tables.py -->", "<!-- end of peers -->"
 CHECKPOINTS = (20, 40, 80)
+# Of suites with a limit, whose table also has what failed.
+MARKS_OF_LIMITS, WITH_LIMITS = (10, *CHECKPOINTS), ("zlib",)
 # COCO's own precision: what is closer is not told apart.
 LEAST_GAP = 1e-8
 # The same search taken another way: ranked in the place of the method named, and not counted when others are ranked.
 VARIANTS = {"treewright-best-measured": "treewright"}
 # Which page has the tables of a suite: `peers-NAME.md`.
 SUITES = {"floor-held-out": "lasting-noise", "bbob-held-out": "vanishing-noise", "grid-held-out": "grids",
-          "grid-told-held-out": "grids", "made-kernels": "kernels"}
-# What stands above the tables of suites that tell constraints. Their runs may be missing.
-TITLES = {"grid-told-held-out": "The same grids, told what can be run.", "made-kernels": "Told the constraints."}
+          "grid-told-held-out": "grids", "made-kernels": "kernels", "zlib": "limits"}
+# What stands above the tables of suites that tell constraints or limits. Their runs may be missing.
+TITLES = {"grid-told-held-out": "The same grids, told what can be run.", "made-kernels": "Told the constraints.",
+          "zlib": "Shares of the optimum: of what is recommended, and of the best that ran."}
 
 
 def rows(path):
@@ -78,6 +81,8 @@ def table(found, suite, methods=None, shown=None):
     cases = complete(found, methods)
     if not cases:
         return f"{suite}: no case was run by every method yet"
+    if suite in WITH_LIMITS:
+        return table_of_limits(cases, methods)
     relative = is_relative(suite)
     label = "optimum / cost" if relative else "log10 gap"
     mean = lambda of: statistics.fmean(of(runs) for runs in cases.values())
@@ -101,6 +106,24 @@ def table(found, suite, methods=None, shown=None):
     return "\n".join(lines)
 
 
+def table_of_limits(cases, methods):
+    """Mean shares of the optimum after each mark and the runs that exceeded a limit, with half of its 95 % interval by cases.
+    What cannot be used has no share."""
+    mean = lambda of: statistics.fmean(of(runs) for runs in cases.values())
+    problems, seeds = {index for index, _ in cases}, {seed for _, seed in cases}
+    columns = [*(f"recommended at {mark}" for mark in MARKS_OF_LIMITS), *(f"ran at {mark}" for mark in MARKS_OF_LIMITS)]
+    lines = [f"{len(cases)} cases: {len(problems)} problems, {len(seeds)} seeds.", "",
+             "| method | " + " | ".join(columns) + " | failed of 80 | ms a trial |", "|---|" + "---|" * (len(columns) + 2)]
+    for method in methods:
+        share = lambda what, mark: mean(lambda runs: 1 / runs[method][what][str(mark)])
+        shares = [f"{share(what, mark):.3f}" for what in ("gap", "ran") for mark in MARKS_OF_LIMITS]
+        failed = [runs[method]["failed"] for runs in cases.values()]
+        error = 1.96 * statistics.stdev(failed) / math.sqrt(len(failed)) if len(failed) > 1 else math.nan
+        spent = statistics.median(runs[method]["ms_per_trial"] for runs in cases.values())
+        lines.append(f"| {method} | {' | '.join(shares)} | {statistics.fmean(failed):.1f} ± {error:.1f} | {spent:.2f} |")
+    return "\n".join(lines)
+
+
 def made():
     """Each page with its tables, by its path."""
     about = json.loads((RESULTS / "README.json").read_text())
@@ -110,6 +133,7 @@ def made():
         if suite in TITLES and not found:
             continue
         conditions = f"{about['machine']}, {about['date']}, version {about['version']}; {about['peers']}. {about['remark']}"
+        conditions = about["conditions"].get(suite, conditions)
         parts = pages.setdefault(page, [textwrap.fill(conditions, 110)])
         parts += [TITLES[suite]] if suite in TITLES else []
         earlier = set()
