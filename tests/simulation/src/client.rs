@@ -8,6 +8,7 @@ use tokio::time::sleep;
 use treewright_proto::v1::{self as wire, value};
 
 use crate::network::{Failure, call};
+use crate::plan::Plan;
 use crate::requests::{self, Answer, Request, STUDY, client_name};
 use crate::world::World;
 
@@ -17,6 +18,10 @@ const DEFAULT_MS: f64 = 10.0;
 const TRIES: u32 = 6;
 /// Variation of frames, as a share.
 const NOISE: f64 = 0.05;
+/// Where studies are frozen now and then, they are below this epsilon.
+const FROZEN_BELOW: f64 = 0.5;
+/// The most leaves with which a configuration can be run, in worlds where not all can.
+const LEAVES_MAX: f64 = 40.0;
 
 struct Client {
     world: Arc<World>,
@@ -129,7 +134,10 @@ impl Client {
         if self.misbehaves() && self.is_done_otherwise(&trial).await {
             return None;
         }
-        let report = requests::report(&trial.name, spent_ms, aborted);
+        let report = match cannot_run(&self.world.plan, &trial) {
+            true => requests::infeasible(&trial.name),
+            false => requests::report(&trial.name, spent_ms, aborted),
+        };
         if self.world.chance(0.5) {
             self.move_on();
             let frame = Request::Frame(report.clone(), self.question());
@@ -214,16 +222,13 @@ impl Client {
         }
     }
 
-    /// Changes what does not touch the promises: how much is explored.
+    /// Changes what does not touch the promises: how much is explored, and in some worlds whether the study
+    /// is frozen.
     async fn change_the_policy(&mut self) {
-        let mut study = requests::study(&self.world.plan);
-        study.name = STUDY.into();
-        if let Some(policy) = &mut study.policy {
-            policy.epsilon = Some(self.world.between(0.2, 1.0));
-        }
-        let update_mask = Some(mask());
-        let request = wire::UpdateStudyRequest { study: Some(study), update_mask };
-        let _ = self.ask(Request::Update(Box::new(request))).await;
+        let epsilon = self.world.between(0.2, 1.0);
+        let is_frozen = freezes(&self.world.plan) && epsilon < FROZEN_BELOW;
+        let request = requests::change(&self.world.plan, epsilon, is_frozen);
+        let _ = self.ask(request).await;
     }
 }
 
@@ -231,19 +236,28 @@ fn never() -> wire::SessionPolicy {
     wire::SessionPolicy { epsilon: Some(0.0), ..wire::SessionPolicy::default() }
 }
 
-fn mask() -> prost_types::FieldMask {
-    prost_types::FieldMask { paths: vec!["policy.epsilon".to_owned()] }
+/// Whether studies are frozen now and then. Where no budget has to be kept, configurations with many leaves
+/// cannot be run there.
+fn freezes(plan: &Plan) -> bool {
+    plan.seed % 5 == 3
+}
+
+fn cannot_run(plan: &Plan, trial: &wire::Trial) -> bool {
+    freezes(plan) && plan.regret_budget.is_none() && number(trial, "leaf") > LEAVES_MAX
+}
+
+fn number(trial: &wire::Trial, name: &str) -> f64 {
+    let values = trial.configuration.as_ref().map(|configuration| &configuration.values);
+    match values.and_then(|values| values.get(name)).and_then(|value| value.kind.as_ref()) {
+        Some(value::Kind::Integer(integer)) => *integer as f64,
+        Some(value::Kind::Float(float)) => *float,
+        _ => 0.0,
+    }
 }
 
 /// The true cost of a configuration at a place: a bowl whose middle moves, with dear corners.
 fn true_ms(trial: &wire::Trial, place: f64) -> f64 {
-    let values = trial.configuration.as_ref().map(|configuration| &configuration.values);
-    let number = |name: &str| match values.and_then(|values| values.get(name)).and_then(|v| v.kind.as_ref()) {
-        Some(value::Kind::Integer(value)) => *value as f64,
-        Some(value::Kind::Float(value)) => *value,
-        _ => 0.0,
-    };
-    let (leaf, cost) = (number("leaf"), number("cost"));
+    let (leaf, cost) = (number(trial, "leaf"), number(trial, "cost"));
     if (leaf, cost) == (8.0, 0.5) {
         return DEFAULT_MS;
     }

@@ -9,7 +9,7 @@ use treewright_proto::v1 as wire;
 use treewright_store::Store as _;
 
 use crate::durable::{Durable, now};
-use crate::requests::{Answer, Request, client_name};
+use crate::requests::{Answer, Request, client_name, is_of_frozen};
 
 macro_rules! counts {
     ($($name:ident,)*) => {
@@ -33,7 +33,7 @@ counts! {
     suggestions, acknowledged_reports, duplicate_reports, late_reports, refusals, crashes, torn_writes,
     failed_writes, full_disks, lost_messages, duplicated_messages, partitions, clock_jumps, client_restarts,
     vanished_clients, absences, sleeps, unsure_writes, forwarded_messages, checkpoints, removed_trials,
-    explored_frames, frames, replays,
+    explored_frames, frames, replays, frozen_answers,
 }
 
 /// Something that should not be.
@@ -181,9 +181,11 @@ impl Ledger {
             self.wrong(at_ms, format!("trial {number} was handed out and is not stored"));
         }
         let never_explores = question.session_policy.as_ref().is_some_and(|own| own.epsilon == Some(0.0));
-        if never_explores && !self.ran(trial, durable) {
-            let what =
-                format!("client {client} never explores, and nobody has run trial {number}'s configuration");
+        let is_frozen = is_of_frozen(trial);
+        self.counts.frozen_answers += u64::from(is_frozen);
+        if (never_explores || is_frozen) && !self.ran(trial, durable) {
+            let why = if is_frozen { "is answered by a frozen study" } else { "never explores" };
+            let what = format!("client {client} {why}, and nobody has run trial {number}'s configuration");
             self.wrong(at_ms, what);
         }
     }

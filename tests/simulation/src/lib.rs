@@ -11,14 +11,15 @@
 //! [`plan`] draws the troubles of a world, `run` lets it take its course, and [`world`] holds its shared
 //! state; `network`, `forward`, `disk`, `durable`, `claims`, `machine` and `machine_life` are its parts, and
 //! `client` uses the service. `ledger` checks at every step that no acknowledged report is lost or changed,
-//! no trial is handed to two clients, the regret budget is kept, every call is answered, and the service
-//! comes back from every crash by itself.
+//! no trial is handed to two clients, the regret budget is kept, a frozen study answers what ran, every call
+//! is answered, and the service comes back from every crash by itself. `replay` and `frozen` ask at the end.
 
 mod claims;
 mod client;
 mod disk;
 mod durable;
 mod forward;
+mod frozen;
 mod ledger;
 mod machine;
 mod machine_life;

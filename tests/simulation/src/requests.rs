@@ -174,6 +174,35 @@ pub(crate) fn study(plan: &Plan) -> wire::Study {
     }
 }
 
+/// A change of the study's policy: how much it explores, and whether it is frozen.
+pub(crate) fn change(plan: &Plan, epsilon: f64, is_frozen: bool) -> Request {
+    let mut study = study(plan);
+    study.name = STUDY.into();
+    if let Some(policy) = &mut study.policy {
+        policy.epsilon = Some(epsilon);
+        policy.operation = if is_frozen { wire::Operation::Freeze } else { wire::Operation::Tune }.into();
+    }
+    let paths = ["policy.epsilon", "policy.operation"].map(str::to_owned).to_vec();
+    let update_mask = Some(prost_types::FieldMask { paths });
+    Request::Update(Box::new(wire::UpdateStudyRequest { study: Some(study), update_mask }))
+}
+
+/// Whether a trial was handed out while the study was frozen: its result is not learnt from.
+pub(crate) fn is_of_frozen(trial: &wire::Trial) -> bool {
+    let explanation = trial.reason.as_ref().and_then(|reason| reason.explanation.as_ref());
+    explanation.is_some_and(|explanation| explanation.silent)
+}
+
+/// A report that the configuration cannot be run.
+pub(crate) fn infeasible(trial: &str) -> wire::ReportRequest {
+    let kind = outcome::Kind::Infeasible(wire::Infeasible { reason: "too many leaves".into() });
+    wire::ReportRequest {
+        trial: trial.to_owned(),
+        outcome: Some(wire::Outcome { kind: Some(kind) }),
+        ..wire::ReportRequest::default()
+    }
+}
+
 pub(crate) fn report(trial: &str, render_ms: f64, aborted: bool) -> wire::ReportRequest {
     let kind = if aborted {
         outcome::Kind::Aborted(wire::Aborted { lower_bound: render_ms })

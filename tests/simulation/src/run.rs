@@ -9,7 +9,7 @@ use treewright_store::Store as _;
 
 use crate::plan::Plan;
 use crate::world::{Outcome, PATIENCE, START_MS, Trouble, World};
-use crate::{client, machine_life, replay, requests};
+use crate::{client, frozen, machine_life, replay, requests};
 
 /// Length of the quiet after the last event, in which all calls end.
 const QUIET: Duration = Duration::from_secs(900);
@@ -54,6 +54,7 @@ async fn live(plan: Plan) -> Outcome {
     sleep(PATIENCE + Duration::from_secs(1)).await;
     world.look_for_stuck_calls();
     replay::check(&world).await;
+    frozen::check(&world).await;
     world.end()
 }
 

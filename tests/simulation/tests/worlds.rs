@@ -31,6 +31,7 @@ fn nothing_is_wrong_in_the_first_worlds() {
         ("checkpoints", counts.checkpoints),
         ("explored frames", counts.explored_frames),
         ("replays", counts.replays),
+        ("answers of frozen studies", counts.frozen_answers),
     ] {
         assert!(count > 0, "no {what} in all the worlds");
     }
