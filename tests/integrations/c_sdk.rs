@@ -11,6 +11,7 @@ use treewright_client::blocking::Client;
 use treewright_tests::daemon::Daemon;
 use treewright_tests::programs::workspace;
 
+use crate::frozen::answers_what_ran;
 use crate::support::{built, file, has, succeed};
 
 /// Names and numbers of parameters of the functions that a text declares after `mark`.
@@ -123,6 +124,16 @@ fn a_c_program_gets_along_with_it() {
         let checked = succeed(valgrind_of.arg(&program).arg(again.url()));
         assert_eq!(checked, "ok\n");
     }
+}
+
+#[test]
+fn a_c_program_gets_what_ran_of_a_frozen_study() {
+    let folder = tempfile::tempdir().expect("a folder");
+    install(folder.path());
+    let strict = ["-std=c99", "-pedantic", "-D_POSIX_C_SOURCE=200809L"];
+    let program = compile("cc", &strict, &file("c/tests/frames.c"), folder.path(), "frames");
+    let daemon = Daemon::start(&folder.path().join("tuning.db"));
+    answers_what_ran(daemon.url(), &|| Command::new(&program));
 }
 
 /// The header promises that libraries of one major version fit each other, and before 1.0 of one minor

@@ -2,6 +2,7 @@
 //! against a real daemon. Tests that need packages from the network are run by `make integrations`.
 
 mod c_sdk;
+mod frozen;
 mod node_sdk;
 mod probe;
 mod python_sdk;

@@ -7,6 +7,7 @@ use std::process::Command;
 use treewright_tests::daemon::Daemon;
 use treewright_tests::programs::workspace;
 
+use crate::frozen::answers_what_ran;
 use crate::support::{file, has, succeed};
 
 fn copy(from: &Path, to: &Path) {
@@ -68,6 +69,13 @@ fn the_packed_package_works_in_a_folder_of_its_own() {
     let daemon = Daemon::start(&folder.path().join("tuning.db"));
     let node = || Command::new("node");
     assert_eq!(succeed(node().arg(&script).arg(daemon.url())), "ok\n");
+    let frames = folder.path().join("program/frames.mjs");
+    std::fs::copy(file("javascript/test/frames.js"), &frames).expect("the frames");
+    answers_what_ran(daemon.url(), &|| {
+        let mut program = node();
+        program.arg(&frames);
+        program
+    });
     let checks = ["--noEmit", "--strict", "--module", "nodenext", "--target", "es2022"];
     succeed(node().arg(modules.join("typescript/bin/tsc")).args(checks).arg(&typed));
     let example = package.join("examples/three_mesh_bvh.js");
