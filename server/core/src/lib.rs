@@ -26,6 +26,7 @@ mod matrix;
 pub mod pace;
 pub mod packed;
 pub mod predict;
+pub mod quiet;
 mod randomness;
 pub mod results;
 pub mod robust;

@@ -1,7 +1,8 @@
 //! The lasting speed of a state's machine, relative to the state's first measurement.
 //!
 //! The table of a state has costs at the speed of its first measurement, when other programs may have run.
-//! Costs for people are those at the machine's fastest lasting speed.
+//! Costs for people are those at the machine's fastest lasting speed. This is the estimate where
+//! configurations ran too seldom for that of `quiet`.
 
 use serde::{Deserialize, Serialize};
 

@@ -8,6 +8,7 @@
 //! (see [`crate::robust`]). Where the costs of one configuration have changed for good (the machine's clock,
 //! another program), those of the others are scaled likewise until they are measured again.
 
+mod at_rest;
 mod known;
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
@@ -18,6 +19,7 @@ use crate::configuration::Configuration;
 use crate::fnv;
 use crate::limits::{FAILURES_PER_CONFIGURATION_MAX, NOISE_SAMPLES_MAX, RECORDS_PER_STATE_MAX};
 use crate::pace::Pace;
+use crate::quiet::QuietCosts;
 use crate::robust::{Deviation, Evidence, MAD_TO_DEVIATION, Moment, REACH_AFTER, is_torn, median, reach_of};
 use crate::search::Verdict;
 use crate::space::Space;
@@ -135,6 +137,9 @@ pub struct ResultTable {
     /// The speeds of the clients' machines.
     #[serde(default)]
     pace: Pace,
+    /// What configurations cost that ran before, as it was measured.
+    #[serde(default)]
+    quiet: QuietCosts,
     /// Some of its results were carried over, ran in an earlier space, or are of clients' starts.
     #[serde(default)]
     is_carried_over: bool,
@@ -287,6 +292,8 @@ impl ResultTable {
 
     /// Drops the latest cost of a configuration, which is about to be learnt as that of a trial.
     pub fn withhold(&mut self, configuration: &Configuration) {
+        // Earlier costs were understood otherwise.
+        self.quiet = QuietCosts::default();
         self.rewrite(configuration, |record| record.evidence.drop_latest());
     }
 
@@ -300,16 +307,6 @@ impl ResultTable {
         let (touches, latest, disturbances) = (self.touches + 1, self.latest, self.disturbances);
         let pace = std::mem::take(&mut self.pace);
         *self = Self { touches, latest, disturbances, pace, ..Self::default() };
-    }
-
-    /// Notes the factor of the machine's speed by which a trial's cost is divided.
-    pub fn note_pace(&mut self, factor: f64) {
-        self.pace.note(factor, self.noise().unwrap_or(0.0));
-    }
-
-    /// The factor that converts costs to those of the machine at its fastest; at most 1.
-    pub fn pace(&self) -> f64 {
-        self.pace.factor()
     }
 
     fn rewrite(&mut self, configuration: &Configuration, change: impl FnOnce(&mut Record)) {

@@ -485,17 +485,25 @@ impl Tuner {
             (Some(by_rounds), Some(by_all)) => Some(by_all.widened(by_rounds)),
             (_, by_all) => by_all,
         };
+        let results = self.states.results(state);
         // Of a settled answer it may not have been at hand.
         let at_most = if is_of_answer { Some(made.gain_at_most) } else { answered.gain_at_most };
-        let pace = self.states.results(state).pace();
+        let (pace, at_rest) = (results.pace(), results.at_rest(&answered.configuration));
+        let (cost, low, high) = match at_rest.filter(|_| cost > 0.0) {
+            Some(at_rest) => {
+                let pace = at_rest / cost;
+                (at_rest, (pace * low).min(at_rest), (pace * high).clamp(at_rest, f64::MAX))
+            }
+            None => (pace * cost, pace * low, pace * high),
+        };
         Some(Standing {
-            cost: pace * cost,
-            cost_low: pace * low,
-            cost_high: pace * high,
+            cost,
+            cost_low: low,
+            cost_high: high,
             gain,
             nothing_better: answered.is_incumbent,
             confirmation,
-            disturbances: self.states.results(state).disturbances(),
+            disturbances: results.disturbances(),
             gain_at_most: at_most.filter(|most| answered.is_incumbent && most.is_finite()),
         })
     }

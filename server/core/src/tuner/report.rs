@@ -260,7 +260,7 @@ impl Tuner {
             let what = (trial.client_id.as_str(), trial.number, state);
             let held = self.speeds.take(what, &trial.configuration, denoised, table, holds);
             factor = held.factor;
-            self.states.amend(state, |results| results.note_pace(factor));
+            self.states.amend(state, |results| results.note_pace(trial, denoised, factor));
             // While others are explored, a shift may be the luck by which they were chosen.
             let is_answer = matches!(trial.decision.choice, Choice::Exploit(_));
             if held.jumped.is_some() || held.is_shifted && is_answer {

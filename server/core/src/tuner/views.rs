@@ -47,7 +47,7 @@ impl Tuner {
         let record = results.ranked().find(|record| fits(&record.configuration))?;
         Some(Best {
             configuration: record.configuration.clone(),
-            cost: results.pace() * record.mean_cost,
+            cost: results.reported(&record.configuration, record.mean_cost),
             measurements: record.measurements,
             trial: record.last_trial,
             last_measure_ms: record.last_measure_ms,
@@ -136,14 +136,13 @@ impl Tuner {
     ) -> Option<Best> {
         let answered = self.answered(state, start, planned)?;
         let default = self.measured_start(state, start).unwrap_or(self.spec.space.default_ref());
-        let record = self.states.results(state).record(&answered.configuration)?;
+        let results = self.states.results(state);
+        let record = results.record(&answered.configuration)?;
         assert!(record.measurements > 0 && !record.infeasible, "the best was measured and can be run");
-        let pace = self.states.results(state).pace();
-        assert!((0.0..=1.0).contains(&pace), "the fastest is no slower, by {pace}");
         Some(Best {
             configuration: record.configuration.clone(),
-            cost: pace * record.mean_cost,
-            default_cost: self.states.cost_of(state, default).map(|cost| pace * cost),
+            cost: results.reported(&record.configuration, record.mean_cost),
+            default_cost: self.states.cost_of(state, default).map(|cost| results.reported(default, cost)),
             measurements: record.measurements,
             state_id: state.0,
             trial: record.last_trial,

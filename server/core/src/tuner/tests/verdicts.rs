@@ -13,7 +13,7 @@ use crate::standing::{LIKELY, StandingVerdict};
 /// Least share of frames without other programs at which an undisturbed cost can be known.
 const QUIET_LEAST: f64 = 0.2;
 /// The share of worlds in which the reported cost lies within 5 % of the undisturbed one.
-const NEAR: f64 = 0.75;
+const NEAR: f64 = 0.9;
 
 /// A world in which nothing, little or much can be gained, on a machine on which up to two other programs
 /// come and go.
