@@ -15,8 +15,9 @@ use treewright_lab::simulated::{mean, normal, report, share, study};
 use crate::Figures;
 
 const ROUNDS: usize = 160;
-/// The first round and the first visit that count.
+/// The first round and the first visit that count, and the first round of the last quarter.
 const ROUNDS_FROM: usize = 80;
+const LAST_FROM: usize = 120;
 const VISITS_FROM: usize = 2;
 const STATES: usize = 10;
 const FRAMES: usize = 15;
@@ -79,9 +80,10 @@ pub(crate) fn fresh(seed: u64) -> Figures {
             frame(&mut tuner, &mut random, context, &others, None)
         };
         let regrets: Vec<f64> = (0..ROUNDS).map(&mut round).collect();
-        -mean(&regrets[ROUNDS_FROM..])
+        [ROUNDS_FROM, LAST_FROM].map(|from| -mean(&regrets[from..]))
     };
-    vec![("alone".to_owned(), session(0)), ("beside 20".to_owned(), session(20))]
+    let ([alone, at_last], [beside, _]) = (session(0), session(20));
+    vec![("alone".to_owned(), alone), ("alone at last".to_owned(), at_last), ("beside 20".to_owned(), beside)]
 }
 
 pub(crate) fn turns(seed: u64) -> Figures {

@@ -13,7 +13,7 @@
 //! | functions | these shares on seven continuous functions of 2, 5 or 10 dimensions |
 //! | bowl, wandering, load | true gain of a confirmed search's answer, on a quiet and on disturbed machines |
 //! | flat | distance of the reported gain from zero |
-//! | contexts | regret where every round brings another context, from round 80 on; also beside 20 indicators that say nothing |
+//! | contexts | regret where every round brings another context, from rounds 80 and 120 on; also beside 20 indicators that say nothing |
 //! | turns | regret in ten states that are visited in turn, from the third visit on |
 //! | table | share of the optimum where 63 % of the configurations cannot be run; infeasible trials; answers of a frozen study |
 //! | machines | regret on two machines with opposite optima, by fingerprint; never worse than studies of their own |
