@@ -18,8 +18,10 @@ use crate::predict::{Answer, Estimate, Query, RUNS_LEAST, WORTH};
 use crate::results::{KnownState, Record, ResultTable};
 use crate::space::Space;
 
-/// Most measurements that a process is fitted to.
-const ROWS_MAX: usize = 96;
+/// Most measurements that a process is fitted to, and the most after which a state that was measured often is
+/// left out. Where every input is met once, each state gives one measurement, and all lessons are taken.
+const ROWS_MAX: usize = 160;
+const ROWS_OFTEN_MAX: usize = 96;
 /// The least number of measurements that a process is fitted to.
 const ROWS_MIN: usize = 2;
 /// Most measurements of the nearest state among them. Each further state gives half as many.
@@ -76,7 +78,12 @@ impl LocalData {
         found.sort_by(|a, b| a.distance_2.total_cmp(&b.distance_2).then(a.name.cmp(&b.name)));
         let (mut sources, mut quota, mut rows) = (Vec::new(), QUOTA_FIRST, 0);
         for state in found.iter().filter_map(|found| query.known.get(found.name as usize)) {
-            let taken = quota.min(ROWS_MAX - rows);
+            let is_seldom = (1..DECIDING_ROWS).contains(&state.results.ranked().len());
+            let most = if is_seldom { ROWS_MAX } else { ROWS_OFTEN_MAX };
+            if rows >= most {
+                continue;
+            }
+            let taken = quota.min(most - rows);
             sources.push(SourceState::of(features, query, state, taken));
             let given = state.results.ranked().len().min(taken);
             rows += given;
