@@ -12,7 +12,8 @@ use crate::standing::{LIKELY, StandingVerdict};
 
 /// Least share of frames without other programs at which an undisturbed cost can be known.
 const QUIET_LEAST: f64 = 0.2;
-/// The share of worlds in which the reported cost lies within 5 % of the undisturbed one.
+/// The share of worlds in which the reported costs of the answer and of the default each lie within 5 % of
+/// the undisturbed ones.
 const NEAR: f64 = 0.9;
 
 /// A world in which nothing, little or much can be gained, on a machine on which up to two other programs
@@ -86,7 +87,7 @@ const HOLDS: f64 = 0.93;
 
 #[test]
 fn what_is_told_in_disturbed_sessions_is_true() {
-    let (mut holds, mut near, mut knowable) = (0_u64, 0_u64, 0_u64);
+    let (mut holds, mut near, mut default_near, mut knowable) = (0_u64, 0_u64, 0_u64, 0_u64);
     let mut missed = BTreeMap::<&str, u64>::new();
     let (mut proven, mut wrong, mut likely, mut gained, mut there) = (0, 0, 0, 0.0, 0.0);
     for seed in 0..WORLDS {
@@ -107,6 +108,8 @@ fn what_is_told_in_disturbed_sessions_is_true() {
         if quiet >= QUIET_LEAST {
             knowable += 1;
             near += u64::from((standing.cost / truth - 1.0).abs() <= 0.05);
+            let reported = best.default_cost.expect("the default was measured");
+            default_near += u64::from((reported / default - 1.0).abs() <= 0.05);
         }
         match standing.verdict() {
             StandingVerdict::Proven => {
@@ -127,12 +130,13 @@ fn what_is_told_in_disturbed_sessions_is_true() {
     }
     println!(
         "{WORLDS} worlds: reported gains hold in {holds} and not in {missed:?}, reported costs are near in {near} of \
-         {knowable}, {proven} are proven, {wrong} of them wrongly, {likely} are likely; {gained:.2} were gained of \
+         {knowable}, the default's in {default_near}, {proven} are proven, {wrong} of them wrongly, {likely} are likely; {gained:.2} were gained of \
          about {there:.2}"
     );
     let share = |count: u64| count as f64 / WORLDS as f64;
     assert!(share(holds) >= HOLDS, "{holds} of {WORLDS}, and not in {missed:?}");
     assert!(near as f64 >= NEAR * knowable as f64, "{near} of {knowable}");
+    assert!(default_near as f64 >= NEAR * knowable as f64, "{default_near} of {knowable} defaults");
     assert!(share(wrong) <= 0.01, "{wrong} of {WORLDS}");
 }
 
