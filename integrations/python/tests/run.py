@@ -791,6 +791,7 @@ def optuna_sampler(url: str) -> None:
     print(f"Optuna: {first} to {best} in 40 trials")
     at_its_own_point(client, optuna, TreewrightSampler)
     in_parallel(client, optuna, TreewrightSampler)
+    in_processes(url, client, optuna)
     maximised(client, optuna, TreewrightSampler)
     infinitely_bad(client, optuna, TreewrightSampler)
     without_daemon(optuna, treewright, TreewrightSampler)
@@ -840,6 +841,44 @@ def in_parallel(client, optuna, TreewrightSampler) -> None:
     client.flush(20000)
     # A trial that two had shared would have been told twice.
     assert client.stats()["acknowledged"] - before == len(study.trials) == 24 and client.stats()["duplicates"] == 0
+
+
+OF_A_PROCESS = """
+import sys
+import optuna, treewright
+from treewright.optuna import TreewrightSampler
+optuna.logging.set_verbosity(optuna.logging.ERROR)
+url, name, path = sys.argv[1:]
+client = treewright.Client(url, client_id=f"optuna-{name}", deadline_ms=20000, call_deadline_ms=20000)
+space = {"x": optuna.distributions.FloatDistribution(-4, 4)}
+sampler = TreewrightSampler(space, client, "optuna-processes", policy={"epsilon": 1.0, "confirm_rounds": 0})
+storage = optuna.storages.JournalStorage(optuna.storages.journal.JournalFileBackend(path))
+study = optuna.load_study(study_name="shared", storage=storage, sampler=sampler)
+study.optimize(lambda trial: trial.suggest_float("x", -4, 4) ** 2, n_trials=8)
+client.flush(20000)
+stats = client.stats()
+print(stats["acknowledged"], stats["duplicates"], stats["fallbacks"])
+"""
+
+
+def in_processes(url: str, client, optuna) -> None:
+    """Processes that share a storage of Optuna share the daemon's study: each trial is one of it, and is learnt once at its own point."""
+    import subprocess
+    import tempfile
+
+    if not hasattr(optuna.storages, "journal"):
+        return print("passed by: Optuna in several processes, because this Optuna has no storage in a journal")
+    with tempfile.TemporaryDirectory() as folder:
+        path = os.path.join(folder, "journal")
+        storage = optuna.storages.JournalStorage(optuna.storages.journal.JournalFileBackend(path))
+        study = optuna.create_study(study_name="shared", storage=storage)
+        command = lambda name: [sys.executable, "-c", OF_A_PROCESS, url, name, path]
+        running = [subprocess.Popen(command(name), stdout=subprocess.PIPE, text=True) for name in ("first", "second", "third")]
+        said = [each.communicate(timeout=300)[0].split() for each in running]
+        assert said == [["8", "0", "0"]] * 3, said
+        ran = sorted((each.params["x"], each.value) for each in study.trials)
+    learnt = client.existing_study("optuna-processes").trials("state = COMPLETED")
+    assert ran == sorted((each["configuration"]["x"], each["cost"]) for each in learnt) and len(ran) == 24, (ran, learnt)
 
 
 def maximised(client, optuna, TreewrightSampler) -> None:
