@@ -48,6 +48,11 @@ const _: () = {
 #[repr(transparent)]
 pub(crate) struct NodeRef(*mut u8);
 
+// SAFETY: only unsafe code follows it, which says why no other thread writes there meanwhile.
+unsafe impl Send for NodeRef {}
+// SAFETY: as above.
+unsafe impl Sync for NodeRef {}
+
 impl NodeRef {
     /// A leaf of no blocks.
     pub(crate) const EMPTY: Self = Self(std::ptr::without_provenance_mut(LEAF_BIT));

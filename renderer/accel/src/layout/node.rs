@@ -55,11 +55,6 @@ const _: () = {
     assert!(size_of::<Node<16>>() == 512);
 };
 
-// SAFETY: a node only points to others; who may follow the pointers from which thread is the tree's affair.
-unsafe impl<const W: usize> Send for Node<W> {}
-// SAFETY: as above.
-unsafe impl<const W: usize> Sync for Node<W> {}
-
 impl<const W: usize> TreeNode for Node<W> {
     const WIDTH: usize = W;
     const EMPTY: Self =

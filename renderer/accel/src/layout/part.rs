@@ -17,11 +17,6 @@ pub(crate) struct PlacedPart {
 
 const _: () = assert!(size_of::<PlacedPart>() == 64);
 
-// SAFETY: a part only points to a node; who may follow the pointer from which thread is the tree's affair.
-unsafe impl Send for PlacedPart {}
-// SAFETY: as above.
-unsafe impl Sync for PlacedPart {}
-
 impl PlacedPart {
     pub(crate) fn new(instance: &Instance, number: u32, node: NodeRef) -> Self {
         let (linear, moved) = (instance.to_object.matrix3, instance.to_object.translation);

@@ -22,9 +22,6 @@ const TRIANGLES_PER_TASK: u32 = 4_096;
 #[derive(Clone, Copy)]
 struct Written(NodeRef, Prospect);
 
-// SAFETY: the node is finished and never written again.
-unsafe impl Send for Written {}
-
 /// The state that all threads share.
 struct Emitter<'a> {
     ploc: &'a Ploc,

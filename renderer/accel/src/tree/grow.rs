@@ -27,6 +27,11 @@ pub(super) struct EmbreeMemory {
     device: Device,
 }
 
+// SAFETY: it is only held while a tree is used, and Embree releases from any thread.
+unsafe impl Send for EmbreeMemory {}
+// SAFETY: as above.
+unsafe impl Sync for EmbreeMemory {}
+
 impl EmbreeMemory {
     pub(super) fn new(device: &Device) -> Result<Self, BuildError> {
         // SAFETY: the device is valid.

@@ -35,11 +35,6 @@ struct Upper {
     _memory: Arena,
 }
 
-// SAFETY: the memory that it refers to is never written once its root leads there.
-unsafe impl Send for Level {}
-// SAFETY: as above.
-unsafe impl Sync for Level {}
-
 /// An object to be placed.
 pub(super) struct Below<'a> {
     pub(super) tree: &'a Tree,

@@ -65,11 +65,6 @@ enum Memory {
     Slabs(Vec<Arena>),
 }
 
-// SAFETY: nodes are never written after the build; Embree and the allocator release from any thread.
-unsafe impl Send for Tree {}
-// SAFETY: as above.
-unsafe impl Sync for Tree {}
-
 impl Tree {
     pub(crate) fn bounds(&self) -> Bounds {
         self.root.bounds

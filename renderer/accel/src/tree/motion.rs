@@ -62,25 +62,6 @@ enum Below {
     Subtree(usize),
 }
 
-// SAFETY: the references are followed by `Tree::update` alone, which has the tree to itself.
-unsafe impl Send for Motion {}
-// SAFETY: as above.
-unsafe impl Sync for Motion {}
-
-// SAFETY: no two subtrees share a node, so each can go to a thread of its own.
-unsafe impl Send for Subtree {}
-// SAFETY: a shared subtree is not followed.
-unsafe impl Sync for Subtree {}
-
-/// A subtree as a thread gets hold of it.
-#[derive(Clone, Copy)]
-struct Handed(NodeRef);
-
-// SAFETY: each subtree is handed to one thread, and no two share a node.
-unsafe impl Send for Handed {}
-// SAFETY: as above.
-unsafe impl Sync for Handed {}
-
 impl Tree {
     /// Brings the tree up to date with moved triangles. On an error it is up to date as well, refitted.
     pub(crate) fn update(
@@ -122,11 +103,10 @@ impl Tree {
             None => Box::new(Motion::of::<N, B>(self)),
         };
         self.root.triangles = Arc::clone(triangles);
-        let handed: Vec<Handed> = motion.subtrees.iter().map(|subtree| Handed(subtree.node)).collect();
-        let mut fitted: Vec<Fitted> = handed
-            .into_par_iter()
+        let subtrees = motion.subtrees.par_iter();
+        let mut fitted: Vec<Fitted> = subtrees
             // SAFETY: the tree is ours alone, of these kinds, and no two subtrees share a node.
-            .map(|Handed(node)| unsafe { refit::<N, B>(node, triangles, watertight) })
+            .map(|subtree| unsafe { refit::<N, B>(subtree.node, triangles, watertight) })
             .collect();
         let Update::Partial { rebuild_threshold } = update else {
             // SAFETY: as above; the parallel part is over.

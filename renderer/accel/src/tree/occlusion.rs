@@ -91,11 +91,6 @@ struct Subtree {
     task_levels: u32,
 }
 
-// SAFETY: subtrees of different children are disjoint, and each task has one of them for itself.
-unsafe impl Send for Subtree {}
-// SAFETY: as above.
-unsafe impl Sync for Subtree {}
-
 impl Subtree {
     fn children<N: TreeNode>(&self, node: &N) -> ([Self; WIDTH_MAX], usize) {
         let mut all = [*self; WIDTH_MAX];
