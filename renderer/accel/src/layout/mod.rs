@@ -172,27 +172,15 @@ pub(crate) struct Root {
 
 /// Evaluates an expression with the node type of the parameters: `for_node!(parameters, N => f::<N>())`.
 macro_rules! for_node {
-    ($parameters:expr, $N:ident => $body:expr) => {{
-        use $crate::layout::Node;
+    ($parameters:expr, $N:ident => $body:expr) => {
+        for_node!($parameters, $N => $body, [2 4 8] 16)
+    };
+    ($parameters:expr, $N:ident => $body:expr, [$($width:tt)*] $last:tt) => {
         match $parameters.branching_factor {
-            2 => {
-                type $N = Node<2>;
-                $body
-            }
-            4 => {
-                type $N = Node<4>;
-                $body
-            }
-            8 => {
-                type $N = Node<8>;
-                $body
-            }
-            _ => {
-                type $N = Node<16>;
-                $body
-            }
+            $($width => { type $N = $crate::layout::Node<$width>; $body })*
+            _ => { type $N = $crate::layout::Node<$last>; $body }
         }
-    }};
+    };
 }
 
 /// Compiles an expression for each width of blocks and evaluates the one of these parameters.

@@ -12,7 +12,7 @@ use super::lanes::{Order, Portable};
 use super::triangles::{BlockLeaves, Blocks, FastBlocks};
 use super::{kernel, watertight::WatertightBlocks};
 use crate::geometry::{Hit, Ray, Triangles};
-use crate::layout::{Block, Node, Root};
+use crate::layout::{Block, Root, TreeNode, for_node};
 use crate::parameters::TreeParameters;
 
 /// Counts of some queries.
@@ -97,14 +97,7 @@ pub(crate) struct Queries<'a> {
 /// The tree below `root` was built with these parameters and lives.
 pub(crate) unsafe fn visits(root: &Root, parameters: &TreeParameters, queries: &Queries<'_>) -> Visits {
     // SAFETY: nodes and blocks are those of the parameters; portable vectors need no features.
-    unsafe {
-        match parameters.branching_factor {
-            2 => of_nodes::<Node<2>, Portable<2>>(root, parameters, queries),
-            4 => of_nodes::<Node<4>, Portable<4>>(root, parameters, queries),
-            8 => of_nodes::<Node<8>, Portable<8>>(root, parameters, queries),
-            _ => of_nodes::<Node<16>, Portable<16>>(root, parameters, queries),
-        }
-    }
+    unsafe { for_node!(parameters, N => of_nodes::<N, Portable<{ N::WIDTH }>>(root, parameters, queries)) }
 }
 
 unsafe fn of_nodes<N: Planes, L: Order>(

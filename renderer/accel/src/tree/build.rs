@@ -132,12 +132,7 @@ fn box_of(triangles: &Triangles) -> impl Fn(usize) -> Bounds + Sync {
 /// The wide tree of least cost, after optimisation.
 fn collapsed(mut tree: BinaryTree, parameters: &TreeParameters) -> Plan {
     optimise(&mut tree, parameters.reinsertion_passes);
-    match parameters.branching_factor {
-        2 => collapse::<2>(&tree, parameters),
-        4 => collapse::<4>(&tree, parameters),
-        8 => collapse::<8>(&tree, parameters),
-        _ => collapse::<16>(&tree, parameters),
-    }
+    for_node!(parameters, N => collapse::<{ N::WIDTH }>(&tree, parameters))
 }
 
 /// The binary tree of single boxes (of `triangles` where it splits) that Embree's builder sketches.
