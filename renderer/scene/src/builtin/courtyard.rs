@@ -41,9 +41,7 @@ fn floor(generator: &mut Generator) -> Result<(), SceneError> {
     let across = generator.segments(16);
     let step = 2.0 * (HALF + WALK) / across as f32;
     let tiles = chequered(Vec2::splat(-HALF - WALK), [across; 2], Vec2::splat(step), 0.01);
-    for (shapes, material) in tiles.iter().zip(shades) {
-        generator.add("tiles", material, shapes)?;
-    }
+    generator.add_each("tiles", &shades, &tiles)?;
     let mut bed = Shapes::new();
     let half = HALF + WALK;
     bed.cuboid(Vec3::new(-half, -0.4, -half), Vec3::new(half, -0.03, half));

@@ -72,9 +72,7 @@ fn room(generator: &mut Generator) -> Result<(), SceneError> {
             from = to;
         }
     }
-    for (shapes, material) in planks.iter().zip(parquet) {
-        generator.add("planks", material, shapes)?;
-    }
+    generator.add_each("planks", &parquet, &planks)?;
     let mut bed = Shapes::new();
     bed.level(Vec2::new(x, z), -0.01);
     generator.add("floor bed", parquet[1], &bed)?;
@@ -242,10 +240,7 @@ fn canvas(generator: &mut Generator, hanging: &Hanging, paints: &[u32]) -> Resul
         };
         shapes[paint].rectangle(low, high, at);
     }
-    for (shapes, paint) in shapes.iter().zip(paints) {
-        generator.add("canvas", *paint, shapes)?;
-    }
-    Ok(())
+    generator.add_each("canvas", paints, &shapes)
 }
 
 /// A walk along three sides of the room with a balustrade of turned rods.

@@ -128,6 +128,16 @@ impl<'a> Generator<'a> {
         self.add_part(name, material, &shapes.part)
     }
 
+    /// Adds shapes of one name, each in its material.
+    pub(super) fn add_each(
+        &mut self,
+        name: &str,
+        materials: &[u32],
+        shapes: &[Shapes],
+    ) -> Result<(), SceneError> {
+        shapes.iter().zip(materials).try_for_each(|(shapes, material)| self.add(name, *material, shapes))
+    }
+
     pub(super) fn add_part(&mut self, name: &str, material: u32, part: &Part) -> Result<(), SceneError> {
         self.assembler.mesh(name, material, part)
     }

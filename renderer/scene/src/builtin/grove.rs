@@ -106,6 +106,12 @@ fn card(part: &mut Part, foot: Vec3, up: Vec3, across: Vec3, normal: Vec3) {
     part.indices.extend([[first, first + 1, first + 2], [first, first + 2, first + 3]]);
 }
 
+/// Cards that a picture colours and cuts out.
+fn cut_out(picture: Option<u32>) -> Material {
+    let base_color = Vec3::ONE;
+    Material { base_color, base_color_texture: picture, cutoff: Some(0.5), ..Material::default() }
+}
+
 fn ground(generator: &mut Generator, seed: u64) -> Result<(), SceneError> {
     let colour = generator.picture("soil", [PICTURE; 2], Encoding::Srgb, Wrap::Mirror, |u, v| {
         let at = Vec3::new(u, v, 0.3) * 6.0;
@@ -199,13 +205,7 @@ fn foliage(generator: &mut Generator, [red, green, blue]: [f32; 3]) -> u32 {
         }
         colour
     });
-    generator.material(Material {
-        base_color: Vec3::ONE,
-        base_color_texture: picture,
-        roughness: 0.75,
-        cutoff: Some(0.5),
-        ..Material::default()
-    })
+    generator.material(Material { roughness: 0.75, ..cut_out(picture) })
 }
 
 fn grow(generator: &mut Generator, foot: Vec3, trunks: &mut Part, crown: &mut Part) {
@@ -263,13 +263,7 @@ fn grass(generator: &mut Generator, seed: u64) -> Result<(), SceneError> {
         }
         colour
     });
-    let green = generator.material(Material {
-        base_color: Vec3::ONE,
-        base_color_texture: picture,
-        roughness: 0.9,
-        cutoff: Some(0.5),
-        ..Material::default()
-    });
+    let green = generator.material(Material { roughness: 0.9, ..cut_out(picture) });
     let mut tufts = Part::default();
     for _ in 0..((TUFTS as f32 * generator.options.detail) as usize).max(40) {
         let (x, z) = (generator.between(-0.48, 0.48) * GROUND, generator.between(-0.48, 0.48) * GROUND);
@@ -296,14 +290,7 @@ fn fence(generator: &mut Generator) -> Result<(), SceneError> {
         let solid = if one.max(other) > 0.0 { 1.0 } else { 0.0 };
         Vec3::splat(0.55 + 0.3 * one.max(other)).extend(solid)
     });
-    let wire = generator.material(Material {
-        base_color: Vec3::ONE,
-        base_color_texture: netting,
-        metallic: 1.0,
-        roughness: 0.4,
-        cutoff: Some(0.5),
-        ..Material::default()
-    });
+    let wire = generator.material(Material { metallic: 1.0, roughness: 0.4, ..cut_out(netting) });
     let wood = generator.material(Material { base_color: Vec3::new(0.3, 0.22, 0.14), ..Material::default() });
     let (mut nets, mut posts) = (Part::default(), Shapes::new());
     let fields = 12;

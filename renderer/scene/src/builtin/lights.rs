@@ -23,9 +23,7 @@ fn night(level: f32) -> Sky {
 pub(super) fn market(generator: &mut Generator) -> Result<LightAndPath, SceneError> {
     let shades = generator.materials([matt(0.34, 0.3, 0.27), matt(0.22, 0.2, 0.19)]);
     let tiles = chequered(Vec2::splat(-MARKET), [generator.segments(120); 2], Vec2::splat(0.5), 0.01);
-    for (shapes, material) in tiles.iter().zip(shades) {
-        generator.add("paving", material, shapes)?;
-    }
+    generator.add_each("paving", &shades, &tiles)?;
     let cloths = generator.materials([
         matt(0.6, 0.12, 0.1),
         matt(0.75, 0.68, 0.5),
@@ -72,12 +70,8 @@ pub(super) fn market(generator: &mut Generator) -> Result<LightAndPath, SceneErr
     generator.add("posts", matt(0.4, 0.26, 0.15), &posts)?;
     generator.add("chains", brass(), &chains)?;
     generator.add("fruit", polished(0.7, 0.3, 0.06, 0.25), &heaps)?;
-    for (shapes, material) in canvas.iter().zip(cloths) {
-        generator.add("canvas", material, shapes)?;
-    }
-    for (shapes, material) in lanterns.iter().zip(lights) {
-        generator.add("lanterns", material, shapes)?;
-    }
+    generator.add_each("canvas", &cloths, &canvas)?;
+    generator.add_each("lanterns", &lights, &lanterns)?;
     let keys = vec![
         key([2.6, 1.7, 13.0], [2.2, 1.5, 0.0], 60.0),
         key([12.4, 4.4, 20.0], [0.0, 1.0, 0.0], 55.0),

@@ -76,9 +76,7 @@ pub(super) fn hair(generator: &mut Generator) -> Result<LightAndPath, SceneError
             bent + side * ((2.0 * u - 1.0) * (1.0 - v))
         });
     }
-    for (shapes, shade) in strands.iter().zip(shades) {
-        generator.add("hair", shade, shapes)?;
-    }
+    generator.add_each("hair", &shades, &strands)?;
     let keys = vec![
         key([-3.6, 3.7, 4.4], [0.5, 2.8, -0.3], 42.0),
         key([1.6, 4.6, 5.2], [0.5, 2.7, -0.3], 42.0),
@@ -99,9 +97,7 @@ pub(super) fn cables(generator: &mut Generator) -> Result<LightAndPath, SceneErr
     ]);
     let tiles = [generator.segments(24), generator.segments(14)];
     let step = Vec2::new(2.0 * YARD.x / tiles[0] as f32, 2.0 * YARD.z / tiles[1] as f32);
-    for (shapes, shade) in chequered(Vec2::new(-YARD.x, -YARD.z), tiles, step, 0.01).iter().zip(paving) {
-        generator.add("paving", shade, shapes)?;
-    }
+    generator.add_each("paving", &paving, &chequered(Vec2::new(-YARD.x, -YARD.z), tiles, step, 0.01))?;
     let mut walls = Shapes::new();
     let (low, high) = (YARD * Vec3::new(-1.0, 0.0, -1.0), YARD);
     walls.cuboid(low - Vec3::Z * 0.4, high.with_z(low.z));
@@ -131,9 +127,7 @@ pub(super) fn cables(generator: &mut Generator) -> Result<LightAndPath, SceneErr
         let coat = generator.below(cables.len());
         cable(generator, &mut cables[coat], ends, count);
     }
-    for (shapes, coat) in cables.iter().zip(coats) {
-        generator.add("cables", coat, shapes)?;
-    }
+    generator.add_each("cables", &coats, &cables)?;
     let keys = vec![
         key([-19.0, 1.7, 8.0], [2.0, 5.4, -2.0], 62.0),
         key([-5.6, 4.0, 8.4], [6.0, 6.0, -4.0], 60.0),

@@ -259,10 +259,7 @@ fn rotunda(generator: &mut Generator) -> Result<(), SceneError> {
             }
         }
     }
-    for (shapes, material) in floor.iter().zip(tiles) {
-        generator.add("floor", material, shapes)?;
-    }
-    Ok(())
+    generator.add_each("floor", &tiles, &floor)
 }
 
 fn sconces(generator: &mut Generator) -> Result<(), SceneError> {
