@@ -15,7 +15,7 @@ use super::texture::{Encoding, Wrap};
 use super::textures::{Textures, cut_out};
 use super::{
     Camera, Material, Mesh, Placed, Punctual, Scene, SceneError, Sky, Up, bounds::Bounds, images::Pixels,
-    objects::Objects, part::Part,
+    objects::Objects, part::Part, text::counted,
 };
 
 /// Marks a vertex that no kept triangle names.
@@ -122,16 +122,17 @@ impl Assembler {
         self.notes.push(note.into());
     }
 
+    /// Adds a sentence about a count, which stands in place of `{}`, unless it is 0.
+    pub(crate) fn note_count(&mut self, count: usize, sentence: &str) {
+        self.notes.extend(counted(count, sentence));
+    }
+
     /// Adds lights without size. Dark, not finite and too many ones are left out with a note.
     pub fn lights(&mut self, mut lights: Vec<Punctual>) {
         let all = lights.len();
         lights.retain(Punctual::is_sound);
-        let dark = all - lights.len();
-        if dark > 0 {
-            self.note(format!(
-                "Left out {dark} lights that give no light or have numbers that are not finite."
-            ));
-        }
+        let dark = "Left out {} lights that give no light or have numbers that are not finite.";
+        self.note_count(all - lights.len(), dark);
         if lights.len() > PUNCTUAL_LIGHTS_MAX {
             self.note(format!("Took the first {PUNCTUAL_LIGHTS_MAX} of {} lights.", lights.len()));
             lights.truncate(PUNCTUAL_LIGHTS_MAX);
@@ -276,10 +277,8 @@ impl Assembler {
         let is_used = |mesh: &Mesh| self.materials[mesh.material as usize].is_textured();
         let is_textured = self.has_uvs && self.meshes.iter().any(is_used);
         self.textures.finish(&mut self.notes);
-        let flat = zero_area_count(&triangles);
-        if flat > 0 {
-            self.notes.push(format!("Kept {flat} triangles without area; no ray meets them."));
-        }
+        let flat = "Kept {} triangles without area; no ray meets them.";
+        self.notes.extend(counted(zero_area_count(&triangles), flat));
         let instances = self
             .objects
             .finish(triangles.len(), &mut self.notes)
@@ -291,12 +290,9 @@ impl Assembler {
             views.truncate(CAMERAS_MAX);
         }
         let strange = views.iter().filter(|view| !FOV_RANGE_DEG.contains(&view.vertical_fov_deg)).count();
-        if strange > 0 {
-            let (least, most) = (FOV_RANGE_DEG.start(), FOV_RANGE_DEG.end());
-            self.notes.push(format!(
-                "Moved the angle of view of {strange} cameras to between {least} and {most} degrees."
-            ));
-        }
+        let (least, most) = (FOV_RANGE_DEG.start(), FOV_RANGE_DEG.end());
+        let moved = format!("Moved the angle of view of {{}} cameras to between {least} and {most} degrees.");
+        self.notes.extend(counted(strange, &moved));
         let turned = |view: &CameraPose| CameraPose {
             position: self.up.turned(view.position),
             forward: self.up.turned(view.forward),

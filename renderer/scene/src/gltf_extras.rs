@@ -19,7 +19,7 @@
 use glam::{Mat4, Vec3};
 use serde_json::Value;
 
-use super::{Sky, Sun, framing::CameraPose};
+use super::{Sky, Sun, framing::CameraPose, text::counted};
 
 /// Width over height of the pictures that such cameras were made for, where they do not say it.
 const ASPECT: f32 = 16.0 / 9.0;
@@ -44,11 +44,10 @@ pub(super) fn parse(json: &str) -> Extras {
             extras.views.push(view);
         }
     }
-    if shapeless > 0 {
-        extras.notes.push(format!(
-            "{shapeless} cameras say the angle across the width of a picture, but not its shape; it is taken for 16:9."
-        ));
-    }
+    extras.notes.extend(counted(
+        shapeless,
+        "{} cameras say the angle across the width of a picture, but not its shape; it is taken for 16:9.",
+    ));
     for light in list("lights") {
         match light.get("type").and_then(Value::as_str) {
             Some("area") => {}
@@ -71,10 +70,8 @@ pub(super) fn parse(json: &str) -> Extras {
             None => {}
         }
     }
-    let skipped = list("skipped").len();
-    if skipped > 0 {
-        extras.notes.push(format!("The file says that {skipped} of its source's objects are missing."));
-    }
+    let skipped = "The file says that {} of its source's objects are missing.";
+    extras.notes.extend(counted(list("skipped").len(), skipped));
     extras
 }
 

@@ -374,9 +374,7 @@ impl Walk<'_> {
         });
         let names: Vec<String> = names.collect();
         let (count, idle) = (names.len(), self.rig.clips.len() - names.len());
-        if idle > 0 {
-            self.assembler.note(format!("Ignored {idle} animations, which move no mesh."));
-        }
+        self.assembler.note_count(idle, "Ignored {} animations, which move no mesh.");
         if count == 0 {
             return;
         }
@@ -388,15 +386,9 @@ impl Walk<'_> {
     }
 
     fn finish(mut self, document: &Document) -> Result<Scene, SceneError> {
-        if self.ignored_primitives > 0 {
-            let count = self.ignored_primitives;
-            self.assembler
-                .note(format!("Ignored {count} primitives of points or lines or without a vertex."));
-        }
-        if self.orthographic > 0 {
-            let count = self.orthographic;
-            self.assembler.note(format!("Ignored {count} orthographic cameras."));
-        }
+        let ignored = "Ignored {} primitives of points or lines or without a vertex.";
+        self.assembler.note_count(self.ignored_primitives, ignored);
+        self.assembler.note_count(self.orthographic, "Ignored {} orthographic cameras.");
         if let Some(first) = self.unposed.first() {
             let count = self.unposed.len();
             self.assembler.note(format!(

@@ -32,11 +32,10 @@ pub(super) fn read(
             }
         }
     }
-    if unread > 0 {
-        assembler.note(format!(
-            "{unread} nodes have copies of their mesh (EXT_mesh_gpu_instancing) that cannot be read: one is shown."
-        ));
-    }
+    assembler.note_count(
+        unread,
+        "{} nodes have copies of their mesh (EXT_mesh_gpu_instancing) that cannot be read: one is shown.",
+    );
     copies
 }
 

@@ -145,9 +145,7 @@ fn is_in(value: &Value, key: &str, count: usize) -> bool {
 
 impl Document {
     fn note(&mut self, count: usize, what: &str) {
-        if count > 0 {
-            self.notes.push(what.replace("{}", &count.to_string()));
-        }
+        self.notes.extend(text::counted(count, what));
     }
 
     /// Refuses a file that needs an extension to be drawn; other required ones get a note.

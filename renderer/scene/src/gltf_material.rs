@@ -62,12 +62,8 @@ pub(super) fn read(
 ) -> Materials {
     let mut reader = Reader { base, buffers, assembler, elsewhere: 0 };
     let numbers = document.materials().map(|material| reader.material(&material)).collect();
-    if reader.elsewhere > 0 {
-        let count = reader.elsewhere;
-        assembler.note(format!(
-            "Left out {count} textures that take other coordinates than the first of their material."
-        ));
-    }
+    let elsewhere = "Left out {} textures that take other coordinates than the first of their material.";
+    reader.assembler.note_count(reader.elsewhere, elsewhere);
     Materials { numbers, default: None }
 }
 

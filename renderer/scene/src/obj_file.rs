@@ -86,9 +86,7 @@ fn note_what_is_left_out(parsed: &Parsed, libraries: &Libraries, assembler: &mut
         (parsed.astray, "numbers of texture coordinates or normals that the file does not have"),
         (parsed.coloured, "colours of vertices"),
     ] {
-        if count > 0 {
-            assembler.note(format!("Ignored {count} {what}."));
-        }
+        assembler.note_count(count, &format!("Ignored {{}} {what}."));
     }
 }
 

@@ -6,7 +6,7 @@ use glam::{Affine3A, Vec3, Vec3A};
 use treewright_accel::Instances;
 use treewright_accel::limits::{COORDINATE_MAX, INSTANCES_MAX};
 
-use super::{Bounds, limits::PLACED_TRIANGLES_MAX};
+use super::{Bounds, limits::PLACED_TRIANGLES_MAX, text::counted};
 
 #[derive(Clone, Debug, Default)]
 pub(super) struct Objects {
@@ -78,12 +78,8 @@ impl Objects {
     /// # Errors
     /// The number of placed triangles, where that or the number of instances is beyond the limits.
     pub(super) fn finish(self, triangles: usize, notes: &mut Vec<String>) -> Result<Option<Instances>, u64> {
-        if self.left_out > 0 {
-            notes.push(format!(
-                "Left out {} instances that are flattened, not finite or too far away.",
-                self.left_out
-            ));
-        }
+        let left_out = "Left out {} instances that are flattened, not finite or too far away.";
+        notes.extend(counted(self.left_out, left_out));
         if self.ranges.is_empty() {
             return Ok(None);
         }

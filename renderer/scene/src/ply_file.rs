@@ -70,9 +70,7 @@ impl Content {
         for element in header.elements.values() {
             let has = |names: &[&str]| names.iter().all(|name| element.properties.contains_key(*name));
             let mut leave_out = |what: &str| {
-                if element.count > 0 {
-                    content.notes.push(format!("Ignored {} {what}.", element.count));
-                }
+                content.notes.extend(text::counted(element.count, &format!("Ignored {{}} {what}.")));
             };
             match element.name.as_str() {
                 "vertex" => {

@@ -17,6 +17,11 @@ pub(super) fn without_mark(bytes: &[u8]) -> &[u8] {
     bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes)
 }
 
+/// A sentence with a count in place of `{}`; none where nothing is counted.
+pub(super) fn counted(count: usize, sentence: &str) -> Option<String> {
+    (count > 0).then(|| sentence.replace("{}", &count.to_string()))
+}
+
 fn utf16(bytes: &[u8], unit: fn([u8; 2]) -> u16) -> String {
     let units = bytes.as_chunks().0.iter().map(|pair| unit(*pair));
     char::decode_utf16(units).map(|unit| unit.unwrap_or(char::REPLACEMENT_CHARACTER)).collect()

@@ -6,7 +6,7 @@ use glam::Vec2;
 use treewright_accel::{Card, GeometryError, Mask, Triangles};
 
 use super::texture::{Encoding, Wrap};
-use super::{Material, Mesh, Texture, images::Pixels, limits::TEXTURE_PIXELS_MAX};
+use super::{Material, Mesh, Texture, images::Pixels, limits::TEXTURE_PIXELS_MAX, text::counted};
 
 /// The identity of a texture: the source of its picture, the encoding of its values, its continuation.
 type Key = (String, Encoding, [Wrap; 2]);
@@ -78,9 +78,7 @@ impl Textures {
         const NOTES_MAX: usize = 5;
         let more = self.lost.len().saturating_sub(NOTES_MAX);
         notes.extend(self.lost.drain(..).take(NOTES_MAX));
-        if more > 0 {
-            notes.push(format!("{more} further textures are left out."));
-        }
+        notes.extend(counted(more, "{} further textures are left out."));
     }
 }
 
