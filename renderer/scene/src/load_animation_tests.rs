@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 use super::limits::{INSTANCING_SAVES_MIN, POSED_VERTICES_MAX};
 use super::load_tests::{GltfFile, told, triangle_document};
 use super::motion::{Motion, Mover};
-use super::{Scene, Up, gltf_file::shared_meshes, gltf_instances::Copies, load_upright};
+use super::{Scene, Up, gltf_file::shared_meshes, gltf_instances::Copies};
 
 /// A quarter turn about x, from y to z and from z to -y.
 const QUARTER: [f32; 4] = [FRAC_1_SQRT_2, 0.0, 0.0, FRAC_1_SQRT_2];
@@ -161,14 +161,11 @@ fn a_flat_mesh_under_a_mirrored_armature_keeps_its_front() {
 
 #[test]
 fn a_scene_that_is_turned_and_moved_is_so_in_motion() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("a.glb");
     for (up, place) in [(Up::Z, [1.0, 2.0, 3.0]), (Up::X, [1e7, 0.0, 4e6]), (Up::Y, [1e-9, 0.0, 0.0])] {
         let mut file = GltfFile::new().animate(0, "translation", &[0.0], &place);
         let size = if place[0] < 1.0 { 1e-9 } else { 1.0 };
         file.json["nodes"] = json!([{"mesh": 0, "translation": place, "scale": [size, size, size]}]);
-        std::fs::write(&path, file.bytes()).unwrap();
-        let rest = Arc::new(load_upright(&path, up).unwrap());
+        let rest = Arc::new(file.load_upright(up));
         let moved = Mover::new(rest.clone(), Motion::File).unwrap().at(0.0).unwrap();
         for (found, expected) in corners(&moved, 0).into_iter().zip(corners(&rest, 0)) {
             near(found, expected.to_array());
@@ -369,8 +366,6 @@ fn what_moves_beside_instances_moves_whether_they_are_flattened_or_not() {
 
 #[test]
 fn nodes_carry_instances_that_they_move_without_flattening_them() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("a.glb");
     let up_and_away = [1.0, 0.0, 0.0, 1.0, 8.0, 0.0];
     for (up, size) in [(Up::Y, 1.0_f32), (Up::Z, 1e-12)] {
         let mut file = GltfFile::new().animate(2, "translation", &[0.0, 2.0], &up_and_away);
@@ -381,8 +376,7 @@ fn nodes_carry_instances_that_they_move_without_flattening_them() {
         let root = json!({"children": below, "scale": [size, size, size]});
         file.json["nodes"].as_array_mut().unwrap().push(root);
         file.json["scenes"] = json!([{"nodes": [count + 1]}]);
-        std::fs::write(&path, file.bytes()).unwrap();
-        let rest = Arc::new(load_upright(&path, up).unwrap());
+        let rest = Arc::new(file.load_upright(up));
         let now = Mover::new(rest.clone(), Motion::File).unwrap().at(0.5).unwrap();
         assert!(Arc::ptr_eq(&now.triangles, &rest.triangles), "no vertex moves");
         let rise = up.turned(Vec3::Y) * (4.0 * size * rest.placement.factor as f32);

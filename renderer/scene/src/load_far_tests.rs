@@ -4,8 +4,8 @@ use glam::{DVec3, Vec3};
 use proptest::prelude::*;
 use serde_json::json;
 
-use super::load_tests::{GltfFile, has_note, load_bytes, told};
-use super::{Placement, Scene, Up, load_upright};
+use super::load_tests::{GltfFile, has_note, load_bytes, load_files, told};
+use super::{Placement, Scene, Up};
 
 /// Three corners in double precision, with a shape that single precision would lose at the offset.
 const CORNERS: [DVec3; 3] =
@@ -53,10 +53,8 @@ fn text_in_double_precision_keeps_its_digits_far_away() {
 
 #[test]
 fn what_stands_upright_otherwise_is_moved_along_the_turned_axes() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let path = folder.path().join("far.obj");
-    std::fs::write(&path, "v 4e6 2e5 10\nv 4000001 2e5 10\nv 4e6 2e5 11\nf 1 2 3\n").expect("written");
-    let scene = load_upright(&path, Up::Z).expect("a scene");
+    let text = b"v 4e6 2e5 10\nv 4000001 2e5 10\nv 4e6 2e5 11\nf 1 2 3\n";
+    let scene = load_files(&[("far.obj", text)], Up::Z).expect("a scene");
     let [a, _, c] = scene.triangles.corners(0).map(Vec3::from);
     assert_eq!(c - a, Vec3::Y, "the file's z is up");
     // Turned, the file's x, y, z are x, -z, y.

@@ -3,8 +3,10 @@
 use glam::Vec3;
 use serde_json::{Value, json};
 
-use super::load_tests::{GltfFile, error_of, glb, has_note, load_bytes, material, told, triangle_document};
-use super::{Cone, Punctual, Scene, Sky, Up, limits::PUNCTUAL_LIGHTS_MAX, load_upright};
+use super::load_tests::{
+    GltfFile, error_of, glb, has_note, load_bytes, load_files, material, told, triangle_document,
+};
+use super::{Cone, Punctual, Scene, Sky, Up, limits::PUNCTUAL_LIGHTS_MAX};
 
 fn loaded(document: &Value) -> Scene {
     load_bytes("a.glb", &glb(document, &triangle_document().1)).unwrap()
@@ -320,10 +322,7 @@ fn a_file_on_another_axis_is_turned_as_a_whole() {
         {"extensions": {"KHR_lights_punctual": {"light": 0}}, "translation": [4, 5, 6]},
         {"extensions": {"KHR_lights_punctual": {"light": 1}}}]);
     let bytes = glb(&document(nodes), &triangle_document().1);
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("a.glb");
-    std::fs::write(&path, bytes).unwrap();
-    let scene = load_upright(&path, Up::Z).unwrap();
+    let scene = load_files(&[("a.glb", &bytes)], Up::Z).unwrap();
     // The file's up, z, points up in the scene; the former up points away from the viewer.
     assert_eq!((scene.bounds().min, scene.bounds().max), (Vec3::new(0.0, 0.0, -1.0), Vec3::X));
     let camera = scene.cameras[0];

@@ -5,14 +5,19 @@ use std::path::Path;
 use glam::Vec3;
 use serde_json::{Value, json};
 
-use super::{Material, Punctual, Scene, SceneError, Sky, load};
+use super::{Material, Punctual, Scene, SceneError, Sky, Up, load, load_upright};
 
-/// Writes a file into a folder of its own and loads it.
-pub(super) fn load_bytes(name: &str, bytes: &[u8]) -> Result<Scene, SceneError> {
+/// Writes files into a folder of their own and loads the first.
+pub(super) fn load_files(files: &[(&str, &[u8])], up: Up) -> Result<Scene, SceneError> {
     let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join(name);
-    std::fs::write(&path, bytes).unwrap();
-    load(&path)
+    for (name, bytes) in files {
+        std::fs::write(folder.path().join(name), bytes).unwrap();
+    }
+    load_upright(folder.path().join(files[0].0), up)
+}
+
+pub(super) fn load_bytes(name: &str, bytes: &[u8]) -> Result<Scene, SceneError> {
+    load_files(&[(name, bytes)], Up::Y)
 }
 
 /// Why a file is refused, in words that name it.
@@ -127,7 +132,11 @@ impl GltfFile {
     }
 
     pub(super) fn load(&self) -> Scene {
-        load_bytes("a.glb", &self.bytes()).unwrap()
+        self.load_upright(Up::Y)
+    }
+
+    pub(super) fn load_upright(&self, up: Up) -> Scene {
+        load_files(&[("a.glb", &self.bytes())], up).unwrap()
     }
 }
 
@@ -304,14 +313,11 @@ fn damaged_gltf_files() {
 
 #[test]
 fn obj_with_materials_quads_and_relative_numbers() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("square.obj");
     let mtl = "newmtl lamp\nKd 0 0 0\nKe 2 3 4\nnewmtl chrome\nKd 0 0 0\nKs 0.9 0.8 0.7\nNs 998\nnewmtl bad\nKd 1 0\nmap_Kd a.png\n";
-    std::fs::write(folder.path().join("square.mtl"), mtl).unwrap();
     let obj = "mtllib square.mtl\nmtllib gone.mtl\no square\nv 0 0 0 1 1 1\nv 1 0 0 nan nan nan\nv 1 1 0\nv 0 1 0\n\
                vn 0 0 1\nusemtl lamp\nf -4//-1 -3//-1 -2//-1 -1//-1\nusemtl chrome\nf 1//1 2//1 3//1\nusemtl bad\nf 1//1 2//1 3//1\nl 1 2 3\n";
-    std::fs::write(&path, obj).unwrap();
-    let scene = load(&path).unwrap();
+    let files = [("square.obj", obj.as_bytes()), ("square.mtl", mtl.as_bytes())];
+    let scene = load_files(&files, Up::Y).unwrap();
     assert_eq!(scene.triangles.len(), 4);
     let material = |mesh: usize| scene.materials[scene.meshes[mesh].material as usize];
     assert_eq!(material(0).emission, Vec3::new(2.0, 3.0, 4.0));

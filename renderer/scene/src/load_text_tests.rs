@@ -2,8 +2,8 @@
 
 use glam::Vec3;
 
-use super::load_tests::{load_bytes, material, told};
-use super::{Bounds, Scene, load};
+use super::load_tests::{load_bytes, load_files, material, told};
+use super::{Bounds, Scene, Up};
 
 const CORNERS: &str = "v -1 -1 -1\nv -1 -1 1\nv -1 1 -1\nv -1 1 1\nv 1 -1 -1\nv 1 -1 1\nv 1 1 -1\nv 1 1 1\n";
 const FACES: &str = "f 1 2 4 3\nf 5 7 8 6\nf 1 5 6 2\nf 3 4 8 7\nf 1 3 7 5\nf 2 6 8 4\n";
@@ -21,11 +21,7 @@ fn obj(bytes: &[u8]) -> Scene {
 
 /// The scene of the first file among others.
 fn beside(files: &[(&str, &[u8])]) -> Scene {
-    let folder = tempfile::tempdir().unwrap();
-    for (name, bytes) in files {
-        std::fs::write(folder.path().join(name), bytes).unwrap();
-    }
-    load(folder.path().join(files[0].0)).unwrap()
+    load_files(files, Up::Y).unwrap()
 }
 
 /// Area of all triangles, and of all in the direction of a normal.

@@ -1,13 +1,13 @@
 //! The readers on small files with textures, written here.
 
-use std::{io::Cursor, path::Path};
+use std::io::Cursor;
 
 use glam::{Vec2, Vec3};
 use image::{DynamicImage, ImageFormat, RgbaImage};
 use serde_json::{Value, json};
 
-use super::load_tests::{GltfFile, has_note, material, told};
-use super::{Environment, Scene, Volume, Wrap, load};
+use super::load_tests::{GltfFile, has_note, load_files, material, told};
+use super::{Environment, Scene, Up, Volume, Wrap};
 
 /// A PNG of two by two pixels: red, clear green, blue, white.
 fn png() -> Vec<u8> {
@@ -154,14 +154,10 @@ fn pictures_that_cannot_be_read_are_told() {
 
 /// An OBJ of one triangle with this material, beside the picture above.
 fn obj(material: &str) -> Scene {
-    let folder = tempfile::tempdir().unwrap();
-    let write = |name: &str, bytes: &[u8]| std::fs::write(folder.path().join(name), bytes).unwrap();
-    write("a leaf.png", &png());
-    write("m.mtl", format!("newmtl m\n{material}\n").as_bytes());
-    let path = folder.path().join("scene.obj");
+    let (picture, library) = (png(), format!("newmtl m\n{material}\n"));
     let text = "mtllib m.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0.25 0.75\nvt 1 0\nusemtl m\nf 1/1 2/2 3\n";
-    write("scene.obj", text.as_bytes());
-    load(Path::new(&path)).unwrap()
+    let files = [("scene.obj", text.as_bytes()), ("m.mtl", library.as_bytes()), ("a leaf.png", &picture[..])];
+    load_files(&files, Up::Y).unwrap()
 }
 
 #[test]
