@@ -16,12 +16,9 @@ pub enum GeometryError {
         /// Number of vertices.
         vertices: usize,
     },
-    /// A coordinate is NaN, infinite or too large for single-precision intersection.
-    #[error("vertex {vertex} has a coordinate that is not finite or beyond ±{COORDINATE_MAX:e}")]
-    BadCoordinate {
-        /// Number of the vertex.
-        vertex: usize,
-    },
+    /// A vertex with a coordinate that is NaN, infinite or too large for single-precision intersection.
+    #[error("vertex {0} has a coordinate that is not finite or beyond ±{COORDINATE_MAX:e}")]
+    BadCoordinate(usize),
     /// A mask without its pixels, or too large.
     #[error(
         "a mask of {width}x{height} pixels with {values} values: it takes one a pixel, at most {MASK_EDGE_MAX} an edge, and a cutoff from 0"
@@ -43,17 +40,11 @@ pub enum GeometryError {
         mask: u32,
     },
     /// More masks than the limit.
-    #[error("{count} masks are more than the limit of {MASKS_MAX}")]
-    TooManyMasks {
-        /// The number that was given.
-        count: usize,
-    },
+    #[error("{0} masks are more than the limit of {MASKS_MAX}")]
+    TooManyMasks(usize),
     /// More triangles than the limit.
-    #[error("{count} triangles are more than the limit of {TRIANGLES_MAX}")]
-    TooMany {
-        /// The number that was given.
-        count: usize,
-    },
+    #[error("{0} triangles are more than the limit of {TRIANGLES_MAX}")]
+    TooMany(usize),
 }
 
 /// Why a structure was not built.
@@ -69,14 +60,9 @@ pub enum BuildError {
         /// The rule that it breaks.
         rule: &'static str,
     },
-    /// The tree would be deeper than `max_depth`: mostly binary trees with small limits.
-    #[error(
-        "the tree reached the depth limit of {max_depth}: raise max_depth, branching_factor or max_leaf_size"
-    )]
-    DepthLimit {
-        /// The limit.
-        max_depth: u32,
-    },
+    /// The tree would be deeper than this limit, `max_depth`: mostly binary trees with small limits.
+    #[error("the tree reached the depth limit of {0}: raise max_depth, branching_factor or max_leaf_size")]
+    DepthLimit(u32),
     /// A structure was asked to follow triangles that are not its own.
     #[error("the structure has {before} triangles and cannot be updated to {now}: rebuild it")]
     OtherTriangles {
@@ -112,7 +98,7 @@ impl BuildError {
 
     /// Whether this cannot work for this scene on this machine. Other errors are mistakes or defects.
     pub fn is_infeasible(&self) -> bool {
-        matches!(self, Self::DepthLimit { .. } | Self::OutOfMemory)
+        matches!(self, Self::DepthLimit(_) | Self::OutOfMemory)
     }
 }
 

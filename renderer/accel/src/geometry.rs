@@ -158,7 +158,7 @@ impl Triangles {
 /// Indices in range, coordinates finite and not too large.
 fn check(positions: &[Vec3A], indices: &[[u32; 3]]) -> Result<(), GeometryError> {
     if indices.len() > TRIANGLES_MAX {
-        return Err(GeometryError::TooMany { count: indices.len() });
+        return Err(GeometryError::TooMany(indices.len()));
     }
     for (triangle, corners) in indices.iter().enumerate() {
         for &vertex in corners {
@@ -167,7 +167,7 @@ fn check(positions: &[Vec3A], indices: &[[u32; 3]]) -> Result<(), GeometryError>
             };
             // NaN fails the comparison and is refused with the rest.
             if !position.abs().cmple(Vec3A::splat(COORDINATE_MAX)).all() {
-                return Err(GeometryError::BadCoordinate { vertex: vertex as usize });
+                return Err(GeometryError::BadCoordinate(vertex as usize));
             }
         }
     }

@@ -64,18 +64,12 @@ pub enum InstanceError {
         /// Number of objects.
         objects: usize,
     },
-    /// A transformation that is not finite or flattens the object.
-    #[error("instance {instance} has a transformation that cannot be inverted")]
-    NotInvertible {
-        /// Number of the instance.
-        instance: usize,
-    },
+    /// An instance with a transformation that is not finite or flattens the object.
+    #[error("instance {0} has a transformation that cannot be inverted")]
+    NotInvertible(usize),
     /// More instances than the limit.
-    #[error("{count} instances are more than the limit of {INSTANCES_MAX}")]
-    TooMany {
-        /// The number that was given.
-        count: usize,
-    },
+    #[error("{0} instances are more than the limit of {INSTANCES_MAX}")]
+    TooMany(usize),
 }
 
 impl Instances {
@@ -99,13 +93,13 @@ impl Instances {
                 }
                 let to_object = to_world.inverse();
                 if !(to_world.is_finite() && to_object.is_finite()) || to_world.matrix3.determinant() == 0.0 {
-                    return Err(InstanceError::NotInvertible { instance });
+                    return Err(InstanceError::NotInvertible(instance));
                 }
                 Ok(Instance { object, to_world, to_object })
             })
             .collect::<Result<Vec<_>, _>>()?;
         if placed.len() > INSTANCES_MAX {
-            return Err(InstanceError::TooMany { count: placed.len() });
+            return Err(InstanceError::TooMany(placed.len()));
         }
         Ok(Self { objects, placed })
     }
@@ -181,7 +175,7 @@ mod tests {
         assert!(make(4, 0, 2.0).is_ok_and(|good| good.placed_triangles() == 4));
         let good = make(4, 0, 2.0).expect("it is good");
         let error = good.moved([Affine3A::from_scale(Vec3::ZERO)]).expect_err("it is refused");
-        assert_eq!(error, InstanceError::NotInvertible { instance: 0 });
+        assert_eq!(error, InstanceError::NotInvertible(0));
         let moved = good.moved([Affine3A::IDENTITY]).expect("it is good");
         assert!(good.same_objects(&moved) && moved.placed()[0].to_object == Affine3A::IDENTITY);
         assert!(!good.same_objects(&make(3, 0, 2.0).expect("it is good")), "a smaller object");
@@ -189,7 +183,7 @@ mod tests {
         let bad = |end, object, scale| make(end, object, scale).expect_err("it is refused");
         assert!(matches!(bad(5, 0, 1.0), InstanceError::ObjectOutOfRange { end: 5, .. }));
         assert!(matches!(bad(4, 1, 1.0), InstanceError::NoSuchObject { object: 1, .. }));
-        assert!(matches!(bad(4, 0, 0.0), InstanceError::NotInvertible { instance: 0 }));
-        assert!(matches!(bad(4, 0, f32::NAN), InstanceError::NotInvertible { .. }));
+        assert!(matches!(bad(4, 0, 0.0), InstanceError::NotInvertible(0)));
+        assert!(matches!(bad(4, 0, f32::NAN), InstanceError::NotInvertible(_)));
     }
 }

@@ -123,7 +123,7 @@ impl Masks {
         cards: impl IntoIterator<Item = (u32, Card)>,
     ) -> Result<Self, GeometryError> {
         if masks.len() > MASKS_MAX {
-            return Err(GeometryError::TooManyMasks { count: masks.len() });
+            return Err(GeometryError::TooManyMasks(masks.len()));
         }
         let mut card_of = vec![SOLID; triangles];
         let mut all = Vec::new();

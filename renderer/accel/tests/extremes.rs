@@ -97,7 +97,7 @@ fn vertices_that_are_no_numbers_or_too_large_are_refused() {
             let mut corners = vec![Vec3A::ZERO, Vec3A::X, Vec3A::Y];
             corners[1][axis] = bad;
             let refused = Triangles::new(corners, vec![[0, 1, 2]]).expect_err("it cannot be met");
-            assert_eq!(refused, GeometryError::BadCoordinate { vertex: 1 });
+            assert_eq!(refused, GeometryError::BadCoordinate(1));
         }
     }
 }
@@ -169,7 +169,7 @@ fn too_little_depth_is_infeasible_or_a_right_tree() {
             }
             Ok(other) => panic!("{shallow:?} gave {other:?}"),
             Err(error) => {
-                assert_eq!(error, BuildError::DepthLimit { max_depth: 9 }, "{shallow:?}");
+                assert_eq!(error, BuildError::DepthLimit(9), "{shallow:?}");
                 assert!(error.is_infeasible());
                 infeasible += 1;
             }

@@ -171,10 +171,10 @@ impl Assembler {
         let refuse = |source| SceneError::Geometry { path: self.origin.clone(), mesh: name.clone(), source };
         let vertices = part.positions.len();
         if self.indices.len() + part.indices.len() > TRIANGLES_MAX {
-            return Err(refuse(GeometryError::TooMany { count: self.indices.len() + part.indices.len() }));
+            return Err(refuse(GeometryError::TooMany(self.indices.len() + part.indices.len())));
         }
         if self.meshes.len() >= MESHES_MAX || self.positions.len() + vertices > VERTICES_MAX {
-            return Err(SceneError::TooMany { path: self.origin.clone() });
+            return Err(SceneError::TooMany(self.origin.clone()));
         }
         let first_triangle = self.indices.len() as u32;
         let first_position = self.positions.len();

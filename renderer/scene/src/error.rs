@@ -18,17 +18,11 @@ pub enum SceneError {
         source: std::io::Error,
     },
     /// The path names a folder.
-    #[error("{} is a folder; name the scene file inside it (.glb, .gltf, .obj or .ply)", path.display())]
-    Folder {
-        /// The folder.
-        path: PathBuf,
-    },
+    #[error("{} is a folder; name the scene file inside it (.glb, .gltf, .obj or .ply)", .0.display())]
+    Folder(PathBuf),
     /// The file has no bytes.
-    #[error("{} is empty (0 bytes); export the scene again", path.display())]
-    Empty {
-        /// The file.
-        path: PathBuf,
-    },
+    #[error("{} is empty (0 bytes); export the scene again", .0.display())]
+    Empty(PathBuf),
     /// The file is beyond the limit.
     #[error("{} has {bytes} bytes, more than the limit of {FILE_BYTES_MAX}; simplify the scene or split it", path.display())]
     TooLarge {
@@ -79,12 +73,9 @@ pub enum SceneError {
     },
     /// Instances can be moved, but not deformed each in its own way.
     #[error(
-        "{name} is made of instances, which cannot be deformed; take a motion of parts, such as crowd, or add --flatten to copy them into the world"
+        "{0} is made of instances, which cannot be deformed; take a motion of parts, such as crowd, or add --flatten to copy them into the world"
     )]
-    Instanced {
-        /// The scene.
-        name: String,
-    },
+    Instanced(String),
     /// The file has no such animation.
     #[error(
         "{name} has no animation \"{wanted}\" that moves a mesh; it has: {known}. Choose one of these, or another motion"
@@ -111,11 +102,8 @@ pub enum SceneError {
         instance: usize,
     },
     /// More vertices or meshes than the limits.
-    #[error("{} has more than {VERTICES_MAX} vertices or {MESHES_MAX} meshes once instances are flattened; simplify the scene", path.display())]
-    TooMany {
-        /// The file.
-        path: PathBuf,
-    },
+    #[error("{} has more than {VERTICES_MAX} vertices or {MESHES_MAX} meshes once instances are flattened; simplify the scene", .0.display())]
+    TooMany(PathBuf),
     /// Instances place more triangles than the limits.
     #[error("{} places {placed} triangles, more than the limit of {PLACED_TRIANGLES_MAX}, or more than {INSTANCES_MAX} instances; simplify the scene", path.display())]
     TooManyPlaced {

@@ -18,7 +18,7 @@ impl Scene {
     /// [`SceneError::TooMany`] beyond the limits of scenes.
     pub fn flattened(&self) -> Result<Self, SceneError> {
         let Some(instances) = &self.instances else { return Ok(self.clone()) };
-        let too_many = || SceneError::TooMany { path: PathBuf::from(&self.name) };
+        let too_many = || SceneError::TooMany(PathBuf::from(&self.name));
         let count = usize::try_from(instances.placed_triangles()).map_err(|_| too_many())?;
         if count > TRIANGLES_MAX {
             return Err(too_many());

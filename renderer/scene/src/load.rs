@@ -26,7 +26,7 @@ pub fn load_upright(path: impl AsRef<Path>, up: Up) -> Result<Scene, SceneError>
     let read_error = |source| SceneError::Read { path: path.to_owned(), source };
     let metadata = std::fs::metadata(path).map_err(read_error)?;
     if metadata.is_dir() {
-        return Err(SceneError::Folder { path: path.to_owned() });
+        return Err(SceneError::Folder(path.to_owned()));
     }
     if metadata.len() > FILE_BYTES_MAX {
         return Err(SceneError::TooLarge { path: path.to_owned(), bytes: metadata.len() });
@@ -34,7 +34,7 @@ pub fn load_upright(path: impl AsRef<Path>, up: Up) -> Result<Scene, SceneError>
     let format = Format::of(path)?;
     let bytes = std::fs::read(path).map_err(read_error)?;
     if bytes.is_empty() {
-        return Err(SceneError::Empty { path: path.to_owned() });
+        return Err(SceneError::Empty(path.to_owned()));
     }
     // A parsing crate may still panic on a hostile file, which must not end the program.
     catch_unwind(AssertUnwindSafe(|| match format {

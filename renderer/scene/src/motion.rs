@@ -125,7 +125,7 @@ impl Mover {
         let (bounds, boxes) = (base.bounds(), base.placed().object_boxes());
         let (part_of, around_parts): (Vec<u32>, Vec<Bounds>) = match &base.instances {
             Some(_) if motion.deforms() => {
-                return Err(SceneError::Instanced { name: base.name.clone() });
+                return Err(SceneError::Instanced(base.name.clone()));
             }
             Some(instances) => {
                 let around = |one: &Instance| boxes[one.object as usize].transformed(&one.to_world);

@@ -19,14 +19,11 @@ use crate::{native_options::NativeOptions, traverse::Isa};
 /// Why there is no device.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum DeviceError {
-    /// `rtcNewDevice` failed.
+    /// `rtcNewDevice` failed with this error code.
     #[error(
-        "Embree refused to start (error {code}): check that the processor has at least SSE2 and that memory is free"
+        "Embree refused to start (error {0}): check that the processor has at least SSE2 and that memory is free"
     )]
-    Refused {
-        /// Embree's error code.
-        code: u32,
-    },
+    Refused(u32),
     /// The library is of another series than the one our structures are laid out for.
     #[error(
         "Embree is version {found}, but only {}.{}.x is verified: run `make setup` or point EMBREE_DIR at such an installation",
@@ -53,11 +50,8 @@ pub enum DeviceError {
     )]
     OtherProcessor,
     /// More threads than the limit.
-    #[error("{asked} threads are more than the limit of {THREADS_MAX}")]
-    TooManyThreads {
-        /// Threads asked for.
-        asked: usize,
-    },
+    #[error("{0} threads are more than the limit of {THREADS_MAX}")]
+    TooManyThreads(usize),
 }
 
 /// The process's Embree device. Cloning shares it.
@@ -101,7 +95,7 @@ impl Device {
     /// Opens Embree, or gives the open device again. `threads` build threads; 0 means one a core.
     pub fn open(threads: usize) -> Result<Self, DeviceError> {
         if threads > THREADS_MAX {
-            return Err(DeviceError::TooManyThreads { asked: threads });
+            return Err(DeviceError::TooManyThreads(threads));
         }
         if !Isa::detect().is_available() {
             return Err(DeviceError::OtherProcessor);
@@ -160,7 +154,7 @@ impl Device {
         if handle.is_null() {
             // SAFETY: a null device is allowed here and means the failed creation.
             let code = unsafe { ffi::rtc_get_device_error(handle) };
-            return Err(DeviceError::Refused { code });
+            return Err(DeviceError::Refused(code));
         }
         let inner = Inner { handle, threads, memory, suited: Mutex::default() };
         // SAFETY: the handle is valid.
@@ -261,7 +255,7 @@ mod tests {
         let again = Device::open(0).expect("that device");
         assert!(Arc::ptr_eq(&device.inner, &again.inner));
         assert_eq!(Device::open(1).unwrap_err(), DeviceError::OtherThreads { open: 0, asked: 1 });
-        assert!(matches!(Device::open(THREADS_MAX + 1), Err(DeviceError::TooManyThreads { .. })));
+        assert!(matches!(Device::open(THREADS_MAX + 1), Err(DeviceError::TooManyThreads(_))));
     }
 
     #[test]

@@ -40,7 +40,7 @@ impl Tree {
         } else {
             let plan = plan(device, triangles, parameters)?;
             if plan.depth > parameters.max_depth {
-                return Err(BuildError::DepthLimit { max_depth: parameters.max_depth });
+                return Err(BuildError::DepthLimit(parameters.max_depth));
             }
             let (arena, node) = for_node!(parameters, N => for_block!(parameters, B => {
                 let blocks = TriangleBlocks::<B> { triangles, watertight: parameters.robust };

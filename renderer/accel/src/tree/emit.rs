@@ -114,7 +114,7 @@ impl Emitter<'_> {
     ) -> Result<Written, BuildError> {
         // Its children are a level deeper.
         if depth >= self.parameters.max_depth {
-            return Err(BuildError::DepthLimit { max_depth: self.parameters.max_depth });
+            return Err(BuildError::DepthLimit(self.parameters.max_depth));
         }
         let place: *mut N = self.take(room, 1)?;
         self.ploc.children(link, N::WIDTH, &mut lists.children);

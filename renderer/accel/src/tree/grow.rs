@@ -114,9 +114,7 @@ pub(super) unsafe fn grow(
         return Err(BuildError::OutOfMemory);
     }
     match outcome {
-        Err(failure) if failure.is_depth_limit() => {
-            Err(BuildError::DepthLimit { max_depth: parameters.max_depth })
-        }
+        Err(failure) if failure.is_depth_limit() => Err(BuildError::DepthLimit(parameters.max_depth)),
         Err(failure) => Err(failure.into()),
         Ok(()) if root.is_null() => Err(BuildError::Embree {
             code: ffi::ERROR_UNKNOWN,

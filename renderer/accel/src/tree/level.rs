@@ -175,7 +175,7 @@ fn plan(device: &Device, boxes: &[Bounds], parameters: &TreeParameters) -> Resul
     let width = LEVEL_WIDTH as u32;
     let plan_with = |passes| match plan_over(device, boxes, width, passes) {
         // What lies ever farther out is taken off bit by bit, over more levels than Embree permits.
-        Err(BuildError::DepthLimit { .. }) => Ok(plan_over_halves(boxes, width, passes)),
+        Err(BuildError::DepthLimit(_)) => Ok(plan_over_halves(boxes, width, passes)),
         plan => plan,
     };
     let passes = if parameters.collapse == Collapse::Optimal { parameters.reinsertion_passes } else { 0 };
@@ -206,7 +206,7 @@ mod tests {
         let boxes: Vec<Bounds> = near.chain(far).collect();
         let device = Device::open(0).expect("Embree starts");
         let too_deep = plan_over(&device, &boxes, LEVEL_WIDTH as u32, 0).expect_err("it is too deep");
-        assert_eq!(too_deep, BuildError::DepthLimit { max_depth: *MAX_DEPTH.end() });
+        assert_eq!(too_deep, BuildError::DepthLimit(*MAX_DEPTH.end()));
         for reinsertion_passes in [0, 2] {
             let collapse = Collapse::Optimal;
             let parameters = TreeParameters { collapse, reinsertion_passes, ..TreeParameters::default() };

@@ -292,7 +292,7 @@ impl Subtree {
     ) -> Result<Fitted, BuildError> {
         let max_depth = parameters.max_depth.saturating_sub(self.depth);
         if max_depth < *MAX_DEPTH.start() {
-            return Err(BuildError::DepthLimit { max_depth: parameters.max_depth });
+            return Err(BuildError::DepthLimit(parameters.max_depth));
         }
         let mut numbers = Vec::new();
         // SAFETY: the tree of this subtree is being updated, by one thread now.

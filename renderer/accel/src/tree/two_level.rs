@@ -147,13 +147,13 @@ impl TwoLevel {
                 .all(|at| bounds.contains(&Bounds { lower: at, upper: at }));
             let is_its_own = part.object == instance.object && part.node.into_raw() == node.into_raw();
             if !is_its_own || !is_covered {
-                fault = Some(TreeFault::Instance { instance: part.instance });
+                fault = Some(TreeFault::Instance(part.instance));
             }
         });
         for ((number, instance), times) in (0..).zip(placed).zip(times) {
             let triangles = &self.objects[instance.object as usize].root.triangles;
             if times != usize::from(!triangles.is_empty()) {
-                fault = Some(TreeFault::Instance { instance: number });
+                fault = Some(TreeFault::Instance(number));
             }
         }
         fault.map_or(Ok(()), Err)

@@ -6,12 +6,9 @@ use crate::{layout::Bounds, parameters::Quality};
 /// A fault of a tree.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum TreeFault {
-    /// A child's box sticks out of its parent's.
-    #[error("at depth {depth} a child's box sticks out of its parent's")]
-    ChildOutside {
-        /// Depth of the parent.
-        depth: u32,
-    },
+    /// A child's box sticks out of its parent's, whose depth this is.
+    #[error("at depth {0} a child's box sticks out of its parent's")]
+    ChildOutside(u32),
     /// A leaf is deeper than allowed.
     #[error("a leaf lies at depth {depth}, the limit is {limit}")]
     TooDeep {
@@ -37,17 +34,11 @@ pub enum TreeFault {
         leaves: u32,
     },
     /// The boxes of the leaves that hold a triangle do not cover it.
-    #[error("the leaves of triangle {triangle} do not cover it")]
-    NotCovered {
-        /// Its number.
-        triangle: usize,
-    },
+    #[error("the leaves of triangle {0} do not cover it")]
+    NotCovered(usize),
     /// An instance is not found exactly once in the upper level, in a box that covers it.
-    #[error("the upper level does not hold instance {instance} once, in a box that covers it")]
-    Instance {
-        /// Its number.
-        instance: u32,
-    },
+    #[error("the upper level does not hold instance {0} once, in a box that covers it")]
+    Instance(u32),
 }
 
 impl Tree {
@@ -60,7 +51,7 @@ impl Tree {
         self.walk(&mut |met| match met {
             Met::Node { bounds, depth, children, .. } => {
                 if !children.iter().all(|child| bounds.contains(child)) {
-                    fault.get_or_insert(TreeFault::ChildOutside { depth });
+                    fault.get_or_insert(TreeFault::ChildOutside(depth));
                 }
             }
             Met::Leaf { reach, depth, numbers, .. } => {
@@ -83,7 +74,7 @@ impl Tree {
             } else if !covered_by[triangle]
                 .contains(&Bounds::of_corners(&self.root.triangles.corners(triangle)))
             {
-                fault.get_or_insert(TreeFault::NotCovered { triangle });
+                fault.get_or_insert(TreeFault::NotCovered(triangle));
             }
         }
         fault.map_or(Ok(()), Err)
