@@ -258,17 +258,6 @@ fn gltf_text_with_embedded_data_and_scene_extras() {
 }
 
 #[test]
-fn a_picture_that_cannot_be_named_leaves_its_material_plain() {
-    let (mut document, data) = triangle_document();
-    document["images"] = json!([{"uri": "bark%AA.png"}]);
-    document["textures"] = json!([{"source": 0}]);
-    document["materials"] = json!([{"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}}]);
-    document["meshes"][0]["primitives"][0]["material"] = json!(0);
-    let scene = load_bytes("plain.glb", &glb(&document, &data)).unwrap();
-    assert_eq!(scene.triangles.len(), 1);
-}
-
-#[test]
 fn damaged_gltf_files() {
     let (document, data) = triangle_document();
     let whole = glb(&document, &data);

@@ -37,13 +37,6 @@ fn areas(scene: &Scene, normal: Vec3) -> (f32, f32) {
 fn a_concave_face_covers_what_its_outline_does() {
     let outline = "v 0 4 0\nv 0 0 0\nv 4 0 0\nv 4 4 0\nv 2 1 0\nf 1 2 3 4 5\n";
     assert_eq!(areas(&obj(outline.as_bytes()), Vec3::Z), (10.0, 10.0));
-    // The outline the other way round, standing upright, and as a quadrangle.
-    assert_eq!(areas(&obj(outline.replace("1 2 3 4 5", "5 4 3 2 1").as_bytes()), Vec3::Z), (10.0, -10.0));
-    let upright = "v 0 0 4\nv 0 0 0\nv 0 4 0\nv 0 4 4\nv 0 2 1\nf 1 2 3 4 5\n";
-    assert_eq!(areas(&obj(upright.as_bytes()), Vec3::X), (10.0, 10.0));
-    let dart = "v 0 0 0\nv 2 -2 0\nv 0 4 0\nv -2 -2 0\nf 1 2 3 4\n";
-    let dart = obj(dart.as_bytes());
-    assert_eq!((dart.triangles.len(), areas(&dart, Vec3::Z)), (2, (8.0, 8.0)));
     let ply = "ply\nformat ascii 1.0\nelement vertex 5\nproperty float x\nproperty float y\nproperty float z\n\
                element face 1\nproperty list uchar int vertex_indices\nend_header\n0 4 0\n0 0 0\n4 0 0\n4 4 0\n2 1 0\n\
                5 0 1 2 3 4\n";
@@ -56,61 +49,15 @@ fn a_concave_face_covers_what_its_outline_does() {
 
 #[test]
 fn a_byte_order_mark_costs_no_line() {
-    for text in [format!("\u{feff}{CORNERS}{FACES}"), format!("\u{feff}{CORNERS}v 9 9 9\n{FACES}")] {
-        assert!(is_the_cube(&obj(text.as_bytes())), "{text}");
-    }
-    let named = format!("\u{feff}mtllib m.mtl\nusemtl lamp\n{CORNERS}{FACES}");
-    let marked = format!("\u{feff}{LAMP}");
-    for lamp in [LAMP, &marked] {
-        let scene = beside(&[("s.obj", named.as_bytes()), ("m.mtl", lamp.as_bytes())]);
-        assert_eq!(material(&scene).emission, Vec3::X);
-    }
-    let wide: Vec<u8> =
-        format!("\u{feff}{CORNERS}{FACES}").encode_utf16().flat_map(u16::to_le_bytes).collect();
-    assert!(is_the_cube(&obj(&wide)));
     let marked = format!("\u{feff}{}", ply("\n", "\n"));
     assert!(is_the_cube(&load_bytes("marked.ply", marked.as_bytes()).unwrap()));
 }
 
 #[test]
-fn comments_may_stand_behind_numbers() {
-    let behind = |text: &str| text.replace('\n', " # side\n");
-    assert!(is_the_cube(&obj(format!("{}{}", behind(CORNERS), behind(FACES)).as_bytes())));
-    // A comment that ends in a backslash takes no line along.
-    assert!(is_the_cube(&obj(
-        format!("# C:\\models\\\n{CORNERS}{}", FACES.replace('\n', "#\\\n")).as_bytes()
-    )));
-    let lamp = LAMP.replace('\n', " # red\n").replace("lamp # red", "lamp");
-    let scene = beside(&[
-        ("s.obj", format!("mtllib m.mtl\nusemtl lamp\n{CORNERS}{FACES}").as_bytes()),
-        ("m.mtl", lamp.as_bytes()),
-    ]);
-    assert_eq!(material(&scene).emission, Vec3::X);
-}
-
-#[test]
-fn lines_go_on_behind_a_backslash() {
-    for end in ["\\\n", " \\  \n", "\\\r\n", "\\\r"] {
-        let faces = FACES.replace(" 4 ", &format!(" 4 {end} "));
-        assert!(is_the_cube(&obj(format!("{CORNERS}{faces}").as_bytes())), "{end:?}");
-    }
-}
-
-#[test]
 fn numbers_of_missing_corners_count_as_none() {
-    let with = |suffix: &str| -> String {
-        let corner =
-            |word: &str| word.parse::<u8>().map_or(word.to_owned(), |number| format!("{number}{suffix}"));
-        let line = |line: &str| line.split(' ').map(corner).collect::<Vec<_>>().join(" ") + "\n";
-        FACES.lines().map(line).collect()
-    };
-    for (start, suffix) in
-        [("vn 0 0 1\nvt 0 0\n", "/1/0"), ("", "/7"), ("", "//3"), ("vt 0 0\n", "/-9"), ("vn 0 0 1\n", "//2")]
-    {
-        let scene = obj(format!("{start}{CORNERS}{}", with(suffix)).as_bytes());
-        assert!(is_the_cube(&scene) && scene.normals.is_empty(), "{suffix}");
-        told(&scene, "Ignored 24 numbers of texture coordinates or normals");
-    }
+    let astray = obj(format!("{CORNERS}{}", FACES.replace(" 4", " 4/7")).as_bytes());
+    assert!(is_the_cube(&astray) && astray.normals.is_empty());
+    told(&astray, "Ignored 3 numbers of texture coordinates or normals");
     // Where only some corners have a normal, theirs stays.
     let some = obj(b"v 0 0 0\nv 1 0 0\nv 0 1 0\nvn 0 0.6 0.8\nf 1//1 2//0 3//1\n");
     assert_eq!(some.normals[0], Vec3::new(0.0, 0.6, 0.8));

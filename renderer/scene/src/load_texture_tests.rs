@@ -140,6 +140,7 @@ fn gltf_volumes_make_solids() {
 fn pictures_that_cannot_be_read_are_told() {
     for (image, cause) in [
         (json!({"uri": "absent.png"}), "No such file"),
+        (json!({"uri": "bark%AA.png"}), "not UTF-8"),
         (json!({"uri": "data:image/png;base64,AAAA"}), "image"),
         (json!({"uri": "data:image/png,AAAA"}), "base64"),
         (json!({"uri": "https://example.org/a.png"}), "beside the scene"),
