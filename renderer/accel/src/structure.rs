@@ -61,15 +61,10 @@ pub fn build(
     triangles: &Arc<Triangles>,
     choice: &BuildChoice,
 ) -> Result<Structure, BuildError> {
-    match choice {
-        BuildChoice::Tree(parameters) => match native_instead(parameters) {
-            Some(options) => {
-                NativeScene::build(&device.suited(&options)?, triangles, &options).map(Structure::Native)
-            }
-            None => Tree::build(device, triangles, parameters).map(Structure::Tree),
-        },
+    match acting(choice) {
+        BuildChoice::Tree(parameters) => Tree::build(device, triangles, &parameters).map(Structure::Tree),
         BuildChoice::Native(options) => {
-            NativeScene::build(&device.suited(options)?, triangles, options).map(Structure::Native)
+            NativeScene::build(&device.suited(&options)?, triangles, &options).map(Structure::Native)
         }
         BuildChoice::BruteForce => Ok(Structure::BruteForce(BruteForce::new(triangles))),
     }
@@ -82,25 +77,27 @@ pub fn build_instanced(
     instances: &Arc<Instances>,
     choice: &BuildChoice,
 ) -> Result<Structure, BuildError> {
-    let native = |options: &NativeOptions| {
+    match acting(choice) {
+        BuildChoice::Tree(parameters) => {
+            TwoLevel::build(device, triangles, instances, &parameters).map(Structure::TwoLevel)
+        }
         // Objects and their instances must be on one device.
-        NativeInstances::build(&device.suited(options)?, triangles, instances, options)
-            .map(Structure::NativeInstances)
-    };
-    match choice {
-        BuildChoice::Tree(parameters) => match native_instead(parameters) {
-            Some(options) => native(&options),
-            None => TwoLevel::build(device, triangles, instances, parameters).map(Structure::TwoLevel),
-        },
-        BuildChoice::Native(options) => native(options),
+        BuildChoice::Native(options) => {
+            NativeInstances::build(&device.suited(&options)?, triangles, instances, &options)
+                .map(Structure::NativeInstances)
+        }
         BuildChoice::BruteForce => Ok(Structure::BruteForce(BruteForce::instanced(triangles, instances))),
     }
 }
 
-/// The paper's `compact` is Embree's own compact scene.
-fn native_instead(parameters: &TreeParameters) -> Option<NativeOptions> {
-    let options = NativeOptions { compact: true, robust: parameters.robust, ..NativeOptions::default() };
-    parameters.compact.then_some(options)
+/// The choice as it acts: the paper's `compact` is Embree's own compact scene.
+fn acting(choice: &BuildChoice) -> BuildChoice {
+    match *choice {
+        BuildChoice::Tree(TreeParameters { compact: true, robust, .. }) => {
+            BuildChoice::Native(NativeOptions { compact: true, robust, ..NativeOptions::default() })
+        }
+        other => other,
+    }
 }
 
 impl Structure {

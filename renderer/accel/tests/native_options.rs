@@ -109,9 +109,14 @@ fn splits_act_with_high_quality_only() {
 
 #[test]
 fn a_budget_out_of_range_is_no_build() {
-    let options = NativeOptions { split_budget: 9.0, quality: High, ..NativeOptions::default() };
-    let refused = build(&device(), &triangles(), &BuildChoice::Native(options)).expect_err("9 is too much");
-    assert!(matches!(refused, BuildError::InvalidParameters { parameter: "split_budget", .. }), "{refused}");
+    for split_budget in [0.9, 4.1, f32::NAN, f32::INFINITY] {
+        let choice = BuildChoice::Native(NativeOptions { split_budget, ..NativeOptions::default() });
+        let refused = build(&device(), &Arc::default(), &choice).expect_err("it is out of range");
+        assert!(
+            matches!(refused, BuildError::InvalidParameters { parameter: "split_budget", .. }),
+            "{refused}"
+        );
+    }
 }
 
 #[test]

@@ -18,42 +18,28 @@ const TASK_LEVELS: u32 = 32;
 type Costs<const W: usize> = [f32; W];
 
 struct Model {
-    traversal_cost: f32,
-    intersection_cost: f32,
-    block: u32,
-    min_leaf_size: u32,
-    max_leaf_size: u32,
+    parameters: TreeParameters,
     /// Area of the root.
     area: f64,
 }
 
 impl Model {
-    fn new(parameters: &TreeParameters, root: &BinaryNode) -> Self {
-        Self {
-            traversal_cost: parameters.traversal_cost,
-            intersection_cost: parameters.intersection_cost,
-            block: parameters.sah_block_size,
-            min_leaf_size: parameters.min_leaf_size,
-            max_leaf_size: parameters.max_leaf_size,
-            area: root.bounds().half_area(),
-        }
-    }
-
     /// Probability that a ray that meets the root's box meets this one; about 1 where nothing has an area.
     fn share(&self, node: &BinaryNode) -> f32 {
         if self.area > 0.0 { (node.bounds().half_area() / self.area) as f32 } else { 1.0 }
     }
 
     fn leaf(&self, node: &BinaryNode) -> f32 {
-        self.share(node) * self.intersection_cost * node.leaves().div_ceil(self.block) as f32
+        let blocks = node.leaves().div_ceil(self.parameters.sah_block_size);
+        self.share(node) * self.parameters.intersection_cost * blocks as f32
     }
 
     fn must_be_leaf(&self, node: &BinaryNode) -> bool {
-        node.leaves() <= self.min_leaf_size
+        node.leaves() <= self.parameters.min_leaf_size
     }
 
     fn may_be_leaf(&self, node: &BinaryNode) -> bool {
-        node.leaves() <= self.max_leaf_size
+        node.leaves() <= self.parameters.max_leaf_size
     }
 
     /// The costs of an inner node from those of its children, and its decision.
@@ -73,7 +59,7 @@ impl Model {
         }
         let mut decision = Decision::NONE;
         decision.split(W, first_split(left, right, W, costs[W - 1]));
-        let as_node = costs[W - 1] + self.share(node) * self.traversal_cost;
+        let as_node = costs[W - 1] + self.share(node) * self.parameters.traversal_cost;
         let as_leaf = if self.may_be_leaf(node) { self.leaf(node) } else { f32::INFINITY };
         costs[0] = as_node.min(as_leaf);
         if self.may_be_leaf(node) && as_leaf <= costs[0] {
@@ -140,7 +126,7 @@ fn shared<const W: usize>(left: &Costs<W>, right: &Costs<W>, children: usize) ->
 
 /// The wide tree of `W` children a node. The binary tree must be numbered depth first.
 pub(super) fn collapse<const W: usize>(tree: &BinaryTree, parameters: &TreeParameters) -> Plan {
-    let model = Model::new(parameters, tree.root());
+    let model = Model { parameters: *parameters, area: tree.root().bounds().half_area() };
     let mut decisions = vec![Decision::NONE; tree.nodes.len()];
     let (top, below) = decisions.split_at_mut(2);
     top[0] = solve::<W>(tree, &model, 0, below, 2, TASK_LEVELS).1;
