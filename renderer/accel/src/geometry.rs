@@ -36,12 +36,7 @@ impl Triangles {
     /// These triangles with their vertices elsewhere.
     pub fn moved(&self, positions: Vec<Vec3A>) -> Result<Self, GeometryError> {
         check(&positions, self.indices())?;
-        Ok(Self {
-            positions: Arc::new(positions),
-            indices: Arc::clone(&self.indices),
-            masks: self.masks.clone(),
-            range: self.range.clone(),
-        })
+        Ok(Self { positions: Arc::new(positions), ..self.clone() })
     }
 
     /// These triangles, of which some have masks: rays go through those where the mask is not solid.
@@ -124,8 +119,7 @@ impl Triangles {
     pub fn part(&self, range: Range<usize>) -> Self {
         assert!(range.start <= range.end && range.end <= self.len(), "a part lies inside the whole");
         let range = self.range.start + range.start..self.range.start + range.end;
-        let masks = self.masks.clone();
-        Self { positions: Arc::clone(&self.positions), indices: Arc::clone(&self.indices), masks, range }
+        Self { range, ..self.clone() }
     }
 
     /// Vertex positions, 16 bytes apart.

@@ -197,27 +197,3 @@ macro_rules! for_block {
 }
 
 pub(crate) use {for_block, for_node};
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn references_keep_kind_and_count<const B: usize>() {
-        let mut node = Node::<4>::EMPTY;
-        let mut blocks = [Block::<B> { vertices: [[[0.0; B]; 3]; 3], triangles: [3; B] }; LEAF_BLOCKS_MAX];
-        assert!(!NodeRef::to_node(&raw mut node).is_leaf());
-        let leaf = NodeRef::to_leaf(blocks.as_mut_ptr(), LEAF_BLOCKS_MAX);
-        assert!(leaf.is_leaf());
-        // SAFETY: both are leaves of live or no blocks.
-        let (full, none) = unsafe { (leaf.blocks::<B>(), NodeRef::EMPTY.blocks::<B>()) };
-        assert_eq!(full.len(), LEAF_BLOCKS_MAX);
-        assert!(full.iter().all(|block| block.numbers().count() == B));
-        assert!(none.is_empty() && NodeRef::EMPTY.is_leaf());
-    }
-
-    #[test]
-    fn references_keep_kind_and_count_of_both_blocks() {
-        references_keep_kind_and_count::<4>();
-        references_keep_kind_and_count::<8>();
-    }
-}

@@ -289,15 +289,4 @@ pub(super) mod tests {
         }
         assert!(found.iter().all(|&times| times == 1), "{found:?}");
     }
-
-    proptest! {
-        #[test]
-        fn renumbering_changes_nothing_but_numbers(leaves in boxes()) {
-            let mut tree = halved(&leaves);
-            let area = tree.inner_area();
-            tree.renumber();
-            check(&tree, &leaves);
-            prop_assert!((tree.inner_area() - area).abs() <= 1e-9 * area);
-        }
-    }
 }

@@ -210,27 +210,6 @@ mod tests {
         }
     }
 
-    #[test]
-    fn many_keys_are_sorted_as_few_are() {
-        let mut state = 1u64;
-        let mut random = || {
-            state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-            (state >> 40) as f32 / 1e4
-        };
-        let boxes: Vec<Bounds> = (0..3 * SHARED_MIN)
-            .map(|_| {
-                let lower = [random(), random(), random()];
-                Bounds { lower, upper: lower.map(|at| at + 1.0) }
-            })
-            .collect();
-        let around = boxes.iter().fold(Bounds::EMPTY, |around, bounds| around.union(*bounds));
-        let keys = sorted(&boxes, &around);
-        assert!(keys.is_sorted());
-        let mut numbers: Vec<u32> = keys.iter().map(|key| key.number()).collect();
-        numbers.sort_unstable();
-        assert!(numbers.into_iter().eq(0..boxes.len() as u32));
-    }
-
     /// Triangles are where people put detail: most of a scene's are in few cells of the grid.
     #[test]
     fn crowded_cells_are_sorted_too() {
