@@ -254,7 +254,7 @@ impl Assembler {
             found
                 .extend(self.dropped().map(|(count, what)| format!("{count} triangles have corners {what}")));
             let found = if found.is_empty() { "no faces".to_owned() } else { found.join("; ") };
-            return Err(SceneError::NoTriangles { path: self.origin, found });
+            return Err(SceneError::NoTriangles(self.origin, found));
         }
         let notes =
             self.dropped().map(|(count, what)| format!("Dropped {count} triangles with corners {what}."));
@@ -282,7 +282,7 @@ impl Assembler {
         let instances = self
             .objects
             .finish(triangles.len(), &mut self.notes)
-            .map_err(|placed| SceneError::TooManyPlaced { path: self.origin.clone(), placed })?;
+            .map_err(|placed| SceneError::TooManyPlaced(self.origin.clone(), placed))?;
         let placed = Placed::new(&triangles, instances.as_ref());
         let bounds = placed.bounds();
         if views.len() > CAMERAS_MAX {
@@ -399,24 +399,17 @@ fn zero_area_count(triangles: &Triangles) -> usize {
 /// Brings a material's numbers into the ranges its fields promise; NaN becomes the default.
 fn sanitized(material: Material) -> Material {
     let default = Material::default();
+    let finite = |value: Vec3, default: Vec3| if value.is_finite() { value } else { default };
     let unit = |value: f32, default: f32| {
         if value.is_finite() { value.clamp(0.0, 1.0) } else { default }
     };
     Material {
-        base_color: if material.base_color.is_finite() {
-            material.base_color.clamp(Vec3::ZERO, Vec3::ONE)
-        } else {
-            default.base_color
-        },
+        base_color: finite(material.base_color, default.base_color).clamp(Vec3::ZERO, Vec3::ONE),
         metallic: unit(material.metallic, default.metallic),
         roughness: unit(material.roughness, default.roughness),
         transmission: unit(material.transmission, default.transmission),
         ior: if material.ior.is_finite() { material.ior.clamp(1.0, 4.0) } else { default.ior },
-        emission: if material.emission.is_finite() {
-            material.emission.max(Vec3::ZERO)
-        } else {
-            default.emission
-        },
+        emission: finite(material.emission, default.emission).max(Vec3::ZERO),
         normal_scale: if material.normal_scale.is_finite() { material.normal_scale } else { 1.0 },
         cutoff: material.cutoff.map(|cutoff| if cutoff >= 0.0 { cutoff } else { 0.0 }),
         opacity: unit(material.opacity, default.opacity),

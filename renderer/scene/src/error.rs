@@ -9,28 +9,18 @@ use super::limits::{DETAIL_RANGE, FILE_BYTES_MAX, MESHES_MAX, PLACED_TRIANGLES_M
 /// Why there is no scene. Each message names the file, the cause and what to do.
 #[derive(Debug, thiserror::Error)]
 pub enum SceneError {
-    /// The file cannot be opened or read.
-    #[error("cannot read {}: {source}; check the name and the permissions", path.display())]
-    Read {
-        /// The file.
-        path: PathBuf,
-        /// The system's error.
-        source: std::io::Error,
-    },
+    /// A file that cannot be opened or read, and the system's error.
+    #[error("cannot read {}: {}; check the name and the permissions", .0.display(), .1)]
+    Read(PathBuf, #[source] std::io::Error),
     /// The path names a folder.
     #[error("{} is a folder; name the scene file inside it (.glb, .gltf, .obj or .ply)", .0.display())]
     Folder(PathBuf),
     /// The file has no bytes.
     #[error("{} is empty (0 bytes); export the scene again", .0.display())]
     Empty(PathBuf),
-    /// The file is beyond the limit.
-    #[error("{} has {bytes} bytes, more than the limit of {FILE_BYTES_MAX}; simplify the scene or split it", path.display())]
-    TooLarge {
-        /// The file.
-        path: PathBuf,
-        /// Its size.
-        bytes: u64,
-    },
+    /// A file of more bytes, these, than the limit.
+    #[error("{} has {} bytes, more than the limit of {FILE_BYTES_MAX}; simplify the scene or split it", .0.display(), .1)]
+    TooLarge(PathBuf, u64),
     /// A format or feature that is not read.
     #[error("{}: {what} is not supported; {remedy}", path.display())]
     Unsupported {
@@ -53,14 +43,9 @@ pub enum SceneError {
         /// The remedy.
         remedy: &'static str,
     },
-    /// Nothing to render.
-    #[error("{} has no triangle to render ({found}); export a mesh with faces", path.display())]
-    NoTriangles {
-        /// The file.
-        path: PathBuf,
-        /// The kind that was found instead.
-        found: String,
-    },
+    /// A file with nothing to render, and what was found instead.
+    #[error("{} has no triangle to render ({}); export a mesh with faces", .0.display(), .1)]
+    NoTriangles(PathBuf, String),
     /// The geometry was refused.
     #[error("{}, mesh \"{mesh}\": {source}; repair or simplify the mesh and export it again", path.display())]
     Geometry {
@@ -91,27 +76,17 @@ pub enum SceneError {
     /// Moving parts have left the range of coordinates.
     #[error("the motion leads too far: {0}; move the scene less, or make it smaller")]
     Moved(#[from] GeometryError),
-    /// A moving instance has left the range of coordinates, or is flattened.
+    /// A moving instance of a scene, by number, has left the range of coordinates, or is flattened.
     #[error(
-        "the motion leads instance {instance} of {name} too far or flattens it; add --flatten, or move the scene less"
+        "the motion leads instance {1} of {0} too far or flattens it; add --flatten, or move the scene less"
     )]
-    MovedInstance {
-        /// The scene.
-        name: String,
-        /// Number of the instance.
-        instance: usize,
-    },
+    MovedInstance(String, usize),
     /// More vertices or meshes than the limits.
     #[error("{} has more than {VERTICES_MAX} vertices or {MESHES_MAX} meshes once instances are flattened; simplify the scene", .0.display())]
     TooMany(PathBuf),
-    /// Instances place more triangles than the limits.
-    #[error("{} places {placed} triangles, more than the limit of {PLACED_TRIANGLES_MAX}, or more than {INSTANCES_MAX} instances; simplify the scene", path.display())]
-    TooManyPlaced {
-        /// The file.
-        path: PathBuf,
-        /// Triangles of all instances.
-        placed: u64,
-    },
+    /// A file whose instances place more triangles, this many, than the limits.
+    #[error("{} places {} triangles, more than the limit of {PLACED_TRIANGLES_MAX}, or more than {INSTANCES_MAX} instances; simplify the scene", .0.display(), .1)]
+    TooManyPlaced(PathBuf, u64),
     /// No built-in scene has this name.
     #[error("there is no built-in scene \"{name}\"; choose one of {known}")]
     UnknownBuiltin {
@@ -120,14 +95,9 @@ pub enum SceneError {
         /// The names there are, comma-separated.
         known: String,
     },
-    /// An option of a built-in scene is out of range.
-    #[error("{option} of a built-in scene is {value}; detail must be from {} to {}, time a finite number", DETAIL_RANGE.start(), DETAIL_RANGE.end())]
-    BadOption {
-        /// Name of the option.
-        option: &'static str,
-        /// Its value.
-        value: f32,
-    },
+    /// An option of a built-in scene, by name, with a value out of range.
+    #[error("{} of a built-in scene is {}; detail must be from {} to {}, time a finite number", .0, .1, DETAIL_RANGE.start(), DETAIL_RANGE.end())]
+    BadOption(&'static str, f32),
 }
 
 impl SceneError {

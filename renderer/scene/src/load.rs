@@ -23,64 +23,40 @@ pub fn load(path: impl AsRef<Path>) -> Result<Scene, SceneError> {
 /// As [`load`].
 pub fn load_upright(path: impl AsRef<Path>, up: Up) -> Result<Scene, SceneError> {
     let path = path.as_ref();
-    let read_error = |source| SceneError::Read { path: path.to_owned(), source };
+    let read_error = |source| SceneError::Read(path.to_owned(), source);
     let metadata = std::fs::metadata(path).map_err(read_error)?;
     if metadata.is_dir() {
         return Err(SceneError::Folder(path.to_owned()));
     }
     if metadata.len() > FILE_BYTES_MAX {
-        return Err(SceneError::TooLarge { path: path.to_owned(), bytes: metadata.len() });
+        return Err(SceneError::TooLarge(path.to_owned(), metadata.len()));
     }
-    let format = Format::of(path)?;
+    let (format, reader) = format_of(path)?;
     let bytes = std::fs::read(path).map_err(read_error)?;
     if bytes.is_empty() {
         return Err(SceneError::Empty(path.to_owned()));
     }
     // A parsing crate may still panic on a hostile file, which must not end the program.
-    catch_unwind(AssertUnwindSafe(|| match format {
-        Format::Gltf => gltf_file::read(path, &bytes, up),
-        Format::Obj => obj_file::read(path, &bytes, up),
-        Format::Ply => ply_file::read(path, &bytes, up),
-    }))
-    .unwrap_or_else(|_| {
-        let malformed = SceneError::malformed(path, format.name(), "export it again with another tool");
+    catch_unwind(AssertUnwindSafe(|| reader(path, &bytes, up))).unwrap_or_else(|_| {
+        let malformed = SceneError::malformed(path, format, "export it again with another tool");
         Err(malformed("the parser gave up on its content".to_owned()))
     })
 }
 
-#[derive(Clone, Copy, Debug, PartialEq)]
-enum Format {
-    Gltf,
-    Obj,
-    Ply,
-}
+type Reader = fn(&Path, &[u8], Up) -> Result<Scene, SceneError>;
 
-impl Format {
-    /// By extension. The readers check the content themselves, so a wrong name is an error and no guess.
-    fn of(path: &Path) -> Result<Self, SceneError> {
-        let extension = path.extension().map(|extension| extension.to_string_lossy().to_lowercase());
-        let refuse = |what: String| {
-            Err(SceneError::Unsupported {
-                path: path.to_owned(),
-                what,
-                remedy: "convert it to glTF (.glb), OBJ or PLY, for example with Blender".to_owned(),
-            })
-        };
-        match extension.as_deref() {
-            Some("gltf" | "glb") => Ok(Self::Gltf),
-            Some("obj") => Ok(Self::Obj),
-            Some("ply") => Ok(Self::Ply),
-            Some("stl") => refuse("the STL format".to_owned()),
-            Some(other) => refuse(format!("the extension .{other}")),
-            None => refuse("a file without an extension".to_owned()),
-        }
-    }
-
-    fn name(self) -> &'static str {
-        match self {
-            Self::Gltf => "glTF",
-            Self::Obj => "OBJ",
-            Self::Ply => "PLY",
-        }
-    }
+/// The name of a format and its reader, by extension. Readers check the content themselves, so a wrong name
+/// is an error and no guess.
+fn format_of(path: &Path) -> Result<(&'static str, Reader), SceneError> {
+    let extension = path.extension().map(|extension| extension.to_string_lossy().to_lowercase());
+    let what = match extension.as_deref() {
+        Some("gltf" | "glb") => return Ok(("glTF", gltf_file::read)),
+        Some("obj") => return Ok(("OBJ", obj_file::read)),
+        Some("ply") => return Ok(("PLY", ply_file::read)),
+        Some("stl") => "the STL format".to_owned(),
+        Some(other) => format!("the extension .{other}"),
+        None => "a file without an extension".to_owned(),
+    };
+    let remedy = "convert it to glTF (.glb), OBJ or PLY, for example with Blender".to_owned();
+    Err(SceneError::Unsupported { path: path.to_owned(), what, remedy })
 }

@@ -207,7 +207,7 @@ impl Mover {
         let stands =
             |(to_world, one): (&Affine3A, &Instance)| can_stand(&self.boxes[one.object as usize], to_world);
         if let Some(instance) = places.iter().zip(before.placed()).position(|pair| !stands(pair)) {
-            return Err(SceneError::MovedInstance { name: self.base.name.clone(), instance });
+            return Err(SceneError::MovedInstance(self.base.name.clone(), instance));
         }
         Ok(Arc::new(before.moved(places).expect("their places were checked")))
     }

@@ -112,10 +112,10 @@ pub fn build(name: &str, options: &Options) -> Result<Scene, SceneError> {
         return Err(SceneError::UnknownBuiltin { name: name.to_owned(), known });
     };
     if !DETAIL_RANGE.contains(&options.detail) {
-        return Err(SceneError::BadOption { option: "detail", value: options.detail });
+        return Err(SceneError::BadOption("detail", options.detail));
     }
     if !options.time.is_finite() {
-        return Err(SceneError::BadOption { option: "time", value: options.time });
+        return Err(SceneError::BadOption("time", options.time));
     }
     let mut assembler = Assembler::new(*name, &PathBuf::from(format!("builtin:{name}")));
     let plan = generate(&mut Generator::new(&mut assembler, *options))?;
