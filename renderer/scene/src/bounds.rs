@@ -1,6 +1,6 @@
 //! Axis-aligned boxes around triangles.
 
-use glam::{Affine3A, Vec3, Vec3A};
+use glam::{Affine3A, BVec3, Vec3, Vec3A};
 use treewright_accel::Triangles;
 
 /// An axis-aligned box.
@@ -94,11 +94,8 @@ impl Bounds {
     /// The eight corners.
     pub fn corners(&self) -> [Vec3; 8] {
         std::array::from_fn(|corner| {
-            Vec3::new(
-                if corner & 1 == 0 { self.min.x } else { self.max.x },
-                if corner & 2 == 0 { self.min.y } else { self.max.y },
-                if corner & 4 == 0 { self.min.z } else { self.max.z },
-            )
+            let is_upper = BVec3::new(corner & 1 != 0, corner & 2 != 0, corner & 4 != 0);
+            Vec3::select(is_upper, self.max, self.min)
         })
     }
 }

@@ -43,7 +43,8 @@ fn of_node(attributes: &Value, document: &Document, buffers: &Buffers) -> Option
     let mut count = None;
     let mut vectors = |name: &str, default: Vec3| {
         let Some(found) = attributes.get(name) else { return Some(Err(default)) };
-        let found: Vec<[f32; 3]> = numbers(found, Dimensions::Vec3, document, buffers)?;
+        let kind = (Dimensions::Vec3, DataType::F32);
+        let found: Vec<[f32; 3]> = values(&accessor(found, document)?, kind, buffers)?;
         (*count.get_or_insert(found.len()) == found.len()).then_some(Ok(found))
     };
     let translations = vectors("TRANSLATION", Vec3::ZERO)?;
@@ -65,16 +66,6 @@ fn of_node(attributes: &Value, document: &Document, buffers: &Buffers) -> Option
         Mat4::from_scale_rotation_translation(of(&scales, place), turn, of(&translations, place))
     };
     Some((0..count).map(place).collect())
-}
-
-/// The values of an accessor of single-precision numbers, within limits.
-fn numbers<T: gltf::accessor::Item>(
-    number: &Value,
-    dimensions: Dimensions,
-    document: &Document,
-    buffers: &Buffers,
-) -> Option<Vec<T>> {
-    values(&accessor(number, document)?, (dimensions, DataType::F32), buffers)
 }
 
 /// Rotations of copies: in single precision, or in signed integers that stand for -1 to 1.
@@ -100,6 +91,7 @@ fn accessor<'a>(number: &Value, document: &'a Document) -> Option<gltf::Accessor
     document.accessors().nth(usize::try_from(number.as_u64()?).ok()?)
 }
 
+/// The values of an accessor, within limits.
 fn values<T: gltf::accessor::Item>(
     accessor: &gltf::Accessor<'_>,
     (dimensions, kind): (Dimensions, DataType),

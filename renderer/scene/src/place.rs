@@ -71,14 +71,14 @@ impl Lengths<'_> {
             self.positions[range.clone()].iter_mut().for_each(|position| *position += Vec3A::from(by));
         }
         self.objects.move_by(by);
-        self.lights.iter_mut().for_each(|light| *light = light.moved(by));
+        self.lights.iter_mut().for_each(|light| light.move_by(by));
         self.views.iter_mut().for_each(|view| view.position += by);
     }
 
     pub(super) fn multiply(&mut self, factor: f32) {
         self.positions.iter_mut().for_each(|position| *position *= factor);
         self.objects.multiply(factor);
-        self.lights.iter_mut().for_each(|light| *light = light.scaled(factor));
+        self.lights.iter_mut().for_each(|light| light.scale(factor));
         for volume in self.materials.iter_mut().filter_map(|material| material.volume.as_mut()) {
             volume.absorption /= factor;
         }

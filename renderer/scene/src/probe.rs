@@ -46,15 +46,9 @@ pub(crate) fn nearest(placed: &Placed, origin: Vec3, directions: &[Vec3]) -> Vec
         .map(|instance| {
             let object = instance.object as usize;
             let range = &instances.objects()[object];
-            let moved: Vec<_> = rays
-                .iter()
-                .map(|(origin, direction)| {
-                    (
-                        instance.to_object.transform_point3a(*origin),
-                        instance.to_object.transform_vector3a(*direction),
-                    )
-                })
-                .collect();
+            let by = &instance.to_object;
+            let moved = |(at, way): &(Vec3A, Vec3A)| (by.transform_point3a(*at), by.transform_vector3a(*way));
+            let moved: Vec<_> = rays.iter().map(moved).collect();
             let mut best = nothing();
             // Few instances lie in the way of a ray, and only their triangles are looked at.
             let met: Vec<usize> =

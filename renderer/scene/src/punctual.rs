@@ -98,25 +98,18 @@ impl Punctual {
         }
     }
 
-    /// The light in a scene whose lengths are multiplied by a factor: as much light arrives.
-    pub(crate) fn scaled(self, factor: f32) -> Self {
-        match self {
-            Self::Directional { .. } => self,
-            Self::Point { position, intensity, cone, range } => Self::Point {
-                position: position * factor,
-                intensity: intensity * factor * factor,
-                cone,
-                range: range * factor,
-            },
+    /// Follows a scene whose lengths are multiplied by a factor: as much light arrives.
+    pub(crate) fn scale(&mut self, factor: f32) {
+        if let Self::Point { position, intensity, range, .. } = self {
+            *position *= factor;
+            *intensity = *intensity * factor * factor;
+            *range *= factor;
         }
     }
 
-    pub(crate) fn moved(self, by: Vec3) -> Self {
-        match self {
-            Self::Directional { .. } => self,
-            Self::Point { position, intensity, cone, range } => {
-                Self::Point { position: position + by, intensity, cone, range }
-            }
+    pub(crate) fn move_by(&mut self, by: Vec3) {
+        if let Self::Point { position, .. } = self {
+            *position += by;
         }
     }
 

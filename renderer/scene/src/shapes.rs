@@ -4,7 +4,7 @@
 
 use std::f32::consts::TAU;
 
-use glam::{Vec2, Vec3};
+use glam::{BVec3, Vec2, Vec3};
 
 use super::part::Part;
 
@@ -58,13 +58,7 @@ impl Shapes {
 
     /// A box, with or without its lower side (10 triangles without, for what stands on a floor).
     pub fn open_cuboid(&mut self, min: Vec3, max: Vec3, with_bottom: bool) {
-        let p = |x: bool, y: bool, z: bool| {
-            Vec3::new(
-                if x { max.x } else { min.x },
-                if y { max.y } else { min.y },
-                if z { max.z } else { min.z },
-            )
-        };
+        let p = |x: bool, y: bool, z: bool| Vec3::select(BVec3::new(x, y, z), max, min);
         let (o, i) = (false, true);
         self.quad(p(o, o, i), p(i, o, i), p(i, i, i), p(o, i, i));
         self.quad(p(i, o, o), p(o, o, o), p(o, i, o), p(i, i, o));

@@ -7,7 +7,7 @@ pub(crate) mod verdict;
 
 use std::{f32::consts::TAU, sync::Arc};
 
-use glam::{Vec3, Vec3A};
+use glam::{BVec3A, Vec3, Vec3A};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use treewright_accel::{Hit, Ray, Triangles};
@@ -99,11 +99,8 @@ fn block(lower: Vec3A, upper: Vec3A) -> impl Iterator<Item = [Vec3A; 3]> {
     const FACES: [[usize; 4]; 6] =
         [[0, 1, 3, 2], [4, 5, 7, 6], [0, 1, 5, 4], [2, 3, 7, 6], [0, 2, 6, 4], [1, 3, 7, 5]];
     let corner = move |number: usize| {
-        Vec3A::new(
-            if number & 1 == 0 { lower.x } else { upper.x },
-            if number & 2 == 0 { lower.y } else { upper.y },
-            if number & 4 == 0 { lower.z } else { upper.z },
-        )
+        let is_upper = BVec3A::new(number & 1 != 0, number & 2 != 0, number & 4 != 0);
+        Vec3A::select(is_upper, upper, lower)
     };
     FACES.into_iter().flat_map(move |[a, b, c, d]| [[a, b, c], [a, c, d]].map(|face| face.map(corner)))
 }

@@ -1,7 +1,5 @@
 //! Vectors of AVX2 and fused multiply-add: comparisons give vectors.
 
-#![allow(unsafe_op_in_unsafe_fn, reason = "each operation is unsafe for the one reason that `Lanes` states")]
-
 use std::arch::x86_64::*;
 
 use super::x86::{arithmetic_128, arithmetic_256, memory, memory_64};

@@ -1,7 +1,5 @@
 //! Vectors of AVX-512 at 128, 256 and 512 bits: comparisons give bits at once.
 
-#![allow(unsafe_op_in_unsafe_fn, reason = "each operation is unsafe for the one reason that `Lanes` states")]
-
 use std::arch::x86_64::*;
 
 use super::Lanes;

@@ -4,8 +4,6 @@
 //! Embree's traversal for AVX-512 showed that this pays; networks after Knuth, "The Art of Computer
 //! Programming" 3, section 5.3.4.
 
-#![allow(unsafe_op_in_unsafe_fn, reason = "each operation is unsafe for the one reason that `Lanes` states")]
-
 use std::arch::x86_64::*;
 
 use super::avx512::{Eight, Four, Sixteen, Two};

@@ -1,5 +1,7 @@
 //! The few vector operations the kernels are written in, and their kinds.
 
+#![allow(unsafe_op_in_unsafe_fn, reason = "each operation is unsafe for the one reason that `Lanes` states")]
+
 /// Operations of [`Lanes`], all inlined, as a table of a line each.
 macro_rules! operations {
     ($(fn $name:ident($($parameters:tt)*) $(-> $result:ty)? $body:block)*) => {$(
@@ -88,7 +90,6 @@ impl Stored {
 #[derive(Clone, Copy)]
 pub(crate) struct Lanes3<L>(pub(crate) [L; 3]);
 
-#[allow(unsafe_op_in_unsafe_fn, reason = "each operation is unsafe for the one reason that `Lanes` states")]
 impl<L: Lanes> Lanes3<L> {
     #[inline(always)]
     pub(crate) unsafe fn splat(of: glam::Vec3) -> Self {

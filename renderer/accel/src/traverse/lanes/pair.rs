@@ -1,7 +1,5 @@
 //! Two vectors as one of twice the length, where the machine has none so long.
 
-#![allow(unsafe_op_in_unsafe_fn, reason = "each operation is unsafe for the one reason that `Lanes` states")]
-
 use super::{Lanes, Order};
 
 /// The lower lanes, then the upper ones.

@@ -2,8 +2,6 @@
 //!
 //! The signs of all rays' directions are equal, so that they share near and far planes.
 
-#![allow(unsafe_op_in_unsafe_fn, reason = "each operation is unsafe for the one reason that `Lanes` states")]
-
 use super::bundle::Bundle;
 use crate::layout::Root;
 use crate::traverse::boxes::{DIVISOR_MIN, PaddedBoxes, Planes, near_offsets, scaled, times};

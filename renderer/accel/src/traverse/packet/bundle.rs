@@ -1,7 +1,5 @@
 //! Sixteen rays side by side, number by number, and their hits.
 
-#![allow(unsafe_op_in_unsafe_fn, reason = "each operation is unsafe for the one reason that `Lanes` states")]
-
 use super::PACKET;
 use crate::geometry::{Hit, NO_INSTANCE, NO_TRIANGLE, Ray};
 use crate::traverse::lanes::{Lanes, Lanes3, Stored};

@@ -1,7 +1,5 @@
 //! The rays of a packet against one triangle.
 
-#![allow(unsafe_op_in_unsafe_fn, reason = "each operation is unsafe for the one reason that `Lanes` states")]
-
 use std::marker::PhantomData;
 
 use super::PacketLeaves;
