@@ -77,14 +77,9 @@ pub enum BuildError {
     /// Memory ran out.
     #[error("memory ran out while the structure was built")]
     OutOfMemory,
-    /// Any other error of Embree.
-    #[error("Embree failed with error {code}: {message}")]
-    Embree {
-        /// Embree's error code.
-        code: u32,
-        /// Embree's own words.
-        message: String,
-    },
+    /// Any other error of Embree, with its code and in its own words.
+    #[error("Embree failed with error {0}: {1}")]
+    Embree(u32, String),
     /// One of our own builder callbacks panicked; the panic's message went to standard error.
     #[error("a builder callback panicked: this is a defect of treewright-accel")]
     CallbackPanicked,
@@ -106,7 +101,7 @@ impl From<EmbreeFailure> for BuildError {
     fn from(failure: EmbreeFailure) -> Self {
         match failure.code {
             ffi::ERROR_OUT_OF_MEMORY => Self::OutOfMemory,
-            code => Self::Embree { code, message: failure.message },
+            code => Self::Embree(code, failure.message),
         }
     }
 }

@@ -131,10 +131,10 @@ impl Device {
             Some(place) => suited.remove(place).1,
             None => {
                 let memory = Arc::clone(&self.inner.memory);
-                Self::new(self.inner.threads, &further, memory).map_err(|error| BuildError::Embree {
-                    code: ffi::ERROR_UNKNOWN,
-                    message: format!("no device for {further}: {error}"),
-                })?
+                let refused = |error: DeviceError| {
+                    BuildError::Embree(ffi::ERROR_UNKNOWN, format!("no device for {further}: {error}"))
+                };
+                Self::new(self.inner.threads, &further, memory).map_err(refused)?
             }
         };
         if suited.len() == DEVICES_MAX {

@@ -3,7 +3,7 @@
 //! The walk is that of the queries ([`super::kernel`]) on portable vectors. Such counts explain times (Aila,
 //! Karras and Laine, "On Quality Metrics of Bounding Volume Hierarchies", 2013) and repeat to the last digit.
 
-use std::{cell::Cell, marker::PhantomData, ops::AddAssign};
+use std::{cell::Cell, ops::AddAssign};
 
 use serde::Serialize;
 
@@ -85,57 +85,52 @@ impl<const B: usize, T: Blocks<B>> Blocks<B> for CountedBlocks<T> {
     }
 }
 
-/// Rays and whether any hit will do.
-pub(crate) struct Queries<'a> {
-    pub(crate) rays: &'a [Ray],
-    pub(crate) any: bool,
-}
-
-/// The visits of the queries in a tree of these parameters, one ray after the other.
+/// The visits of these rays, one by one, to any hit or the nearest in a tree of these parameters.
 ///
 /// # Safety
 /// The tree below `root` was built with these parameters and lives.
-pub(crate) unsafe fn visits(root: &Root, parameters: &TreeParameters, queries: &Queries<'_>) -> Visits {
+pub(crate) unsafe fn visits(root: &Root, parameters: &TreeParameters, rays: &[Ray], any: bool) -> Visits {
     // SAFETY: nodes and blocks are those of the parameters; portable vectors need no features.
-    unsafe { for_node!(parameters, N => of_nodes::<N, Portable<{ N::WIDTH }>>(root, parameters, queries)) }
+    unsafe { for_node!(parameters, N => of_nodes::<N, Portable<{ N::WIDTH }>>(root, parameters, rays, any)) }
 }
 
 unsafe fn of_nodes<N: Planes, L: Order>(
     root: &Root,
     parameters: &TreeParameters,
-    queries: &Queries<'_>,
+    rays: &[Ray],
+    any: bool,
 ) -> Visits {
     // SAFETY: what the caller promises is what these ask for.
     unsafe {
         match (parameters.block_width, parameters.robust) {
-            (4, false) => Counting::<N, FastBoxes<L>, FastBlocks<Portable<4>>, 4>::run(root, queries),
-            (4, true) => Counting::<N, PaddedBoxes<L>, WatertightBlocks<Portable<4>>, 4>::run(root, queries),
-            (_, false) => Counting::<N, FastBoxes<L>, FastBlocks<Portable<8>>, 8>::run(root, queries),
-            (_, true) => Counting::<N, PaddedBoxes<L>, WatertightBlocks<Portable<8>>, 8>::run(root, queries),
+            (4, false) => counted::<N, FastBoxes<L>, FastBlocks<Portable<4>>, 4>(root, rays, any),
+            (4, true) => counted::<N, PaddedBoxes<L>, WatertightBlocks<Portable<4>>, 4>(root, rays, any),
+            (_, false) => counted::<N, FastBoxes<L>, FastBlocks<Portable<8>>, 8>(root, rays, any),
+            (_, true) => counted::<N, PaddedBoxes<L>, WatertightBlocks<Portable<8>>, 8>(root, rays, any),
         }
     }
 }
 
-struct Counting<N, X, T, const B: usize>(PhantomData<(N, X, T)>);
-
-impl<N: Planes, X: Boxes<N>, T: Blocks<B>, const B: usize> Counting<N, X, T, B> {
-    /// # Safety
-    /// As for [`visits`], with nodes `N` and blocks of `B`.
-    unsafe fn run(root: &Root, queries: &Queries<'_>) -> Visits {
-        DONE.set(Visits::default());
-        for ray in queries.rays {
-            // SAFETY: what the caller promises is what these ask for.
-            unsafe {
-                let blocks = CountedBlocks(T::new(ray));
-                let leaves = BlockLeaves::<'_, _, B> { blocks, ray, all: &root.triangles };
-                if queries.any {
-                    kernel::occluded::<N, CountedBoxes<X>, _>(root, root.node, ray, &leaves);
-                } else {
-                    let mut hit = Hit::none(ray.t_max);
-                    kernel::closest::<N, CountedBoxes<X>, _>(root, root.node, ray, &leaves, &mut hit);
-                }
+/// # Safety
+/// As for [`visits`], with nodes `N` and blocks of `B`.
+unsafe fn counted<N: Planes, X: Boxes<N>, T: Blocks<B>, const B: usize>(
+    root: &Root,
+    rays: &[Ray],
+    any: bool,
+) -> Visits {
+    DONE.set(Visits::default());
+    for ray in rays {
+        // SAFETY: what the caller promises is what these ask for.
+        unsafe {
+            let blocks = CountedBlocks(T::new(ray));
+            let leaves = BlockLeaves::<'_, _, B> { blocks, ray, all: &root.triangles };
+            if any {
+                kernel::occluded::<N, CountedBoxes<X>, _>(root, root.node, ray, &leaves);
+            } else {
+                let mut hit = Hit::none(ray.t_max);
+                kernel::closest::<N, CountedBoxes<X>, _>(root, root.node, ray, &leaves, &mut hit);
             }
         }
-        DONE.take()
     }
+    DONE.take()
 }

@@ -116,10 +116,9 @@ pub(super) unsafe fn grow(
     match outcome {
         Err(failure) if failure.is_depth_limit() => Err(BuildError::DepthLimit(parameters.max_depth)),
         Err(failure) => Err(failure.into()),
-        Ok(()) if root.is_null() => Err(BuildError::Embree {
-            code: ffi::ERROR_UNKNOWN,
-            message: "the builder gave no root and no reason".into(),
-        }),
+        Ok(()) if root.is_null() => {
+            Err(BuildError::Embree(ffi::ERROR_UNKNOWN, "the builder gave no root and no reason".into()))
+        }
         Ok(()) => Ok(root),
     }
 }

@@ -78,7 +78,7 @@ impl Tree {
     /// The visits of queries by these rays, any hit or the nearest. Takes some ten times the queries' time.
     pub fn visits(&self, rays: &[Ray], any: bool) -> Visits {
         // SAFETY: the parameters are those that the tree was built with.
-        unsafe { count::visits(&self.root, &self.parameters, &count::Queries { rays, any }) }
+        unsafe { count::visits(&self.root, &self.parameters, rays, any) }
     }
 
     /// This tree walked by another instruction set's kernels, or `None` if the processor lacks it.
