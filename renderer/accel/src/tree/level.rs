@@ -19,8 +19,6 @@ pub(super) struct Level {
     pub(super) root: Root,
     pub(super) lower: Lower,
     pub(super) kernels: LevelKernels,
-    parts: usize,
-    nodes: usize,
     upper: Option<Upper>,
 }
 
@@ -66,8 +64,6 @@ impl Level {
             root: Root { node: NodeRef::EMPTY, bounds: Bounds::EMPTY, triangles: Arc::default() },
             lower: Lower { objects: Vec::new(), kernels: of_objects },
             kernels,
-            parts: 0,
-            nodes: 0,
             upper: None,
         }
     }
@@ -90,7 +86,6 @@ impl Level {
         let plan = plan(device, &boxes(&outlines, places), parameters)?;
         let (memory, node) = written(&level.lower, &plan, places)?;
         level.root = Root { node, bounds: plan.root.bounds, triangles: Arc::default() };
-        (level.parts, level.nodes) = (places.len(), plan.nodes());
         let boxes_met = plan.boxes_met();
         level.upper = Some(Upper { outlines, plan, boxes_met, _memory: memory });
         Ok(level)
@@ -112,7 +107,9 @@ impl Level {
     }
 
     pub(super) fn bytes(&self) -> usize {
-        self.nodes * size_of::<Node<LEVEL_WIDTH>>() + self.parts * size_of::<PlacedPart>()
+        self.upper.as_ref().map_or(0, |Upper { plan, .. }| {
+            plan.nodes() * size_of::<Node<LEVEL_WIDTH>>() + plan.leaves() * size_of::<PlacedPart>()
+        })
     }
 
     /// Calls `visit` for every node below the root and every leaf: its depth, its box, what a leaf holds.

@@ -17,22 +17,12 @@ pub enum TreeFault {
         /// The limit.
         limit: u32,
     },
-    /// A leaf holds more triangles than allowed, or none.
-    #[error("a leaf holds {triangles} triangles, the limit is {limit}")]
-    LeafSize {
-        /// Triangles in the leaf.
-        triangles: usize,
-        /// The limit.
-        limit: u32,
-    },
-    /// A triangle is in no leaf, or in several of a tree without splits.
-    #[error("triangle {triangle} is in {leaves} leaves")]
-    References {
-        /// Its number.
-        triangle: usize,
-        /// Leaves that hold it.
-        leaves: u32,
-    },
+    /// A leaf holds this number of triangles, more than the limit that follows, or none.
+    #[error("a leaf holds {0} triangles, the limit is {1}")]
+    LeafSize(usize, u32),
+    /// A triangle, by number, is in no leaf, or in several, this many, of a tree without splits.
+    #[error("triangle {0} is in {1} leaves")]
+    References(usize, u32),
     /// The boxes of the leaves that hold a triangle do not cover it.
     #[error("the leaves of triangle {0} do not cover it")]
     NotCovered(usize),
@@ -59,8 +49,7 @@ impl Tree {
                     fault.get_or_insert(TreeFault::TooDeep { depth, limit: parameters.max_depth });
                 }
                 if numbers.is_empty() || numbers.len() > parameters.max_leaf_size as usize {
-                    let limit = parameters.max_leaf_size;
-                    fault.get_or_insert(TreeFault::LeafSize { triangles: numbers.len(), limit });
+                    fault.get_or_insert(TreeFault::LeafSize(numbers.len(), parameters.max_leaf_size));
                 }
                 for &number in numbers {
                     leaves_of[number as usize] += 1;
@@ -70,7 +59,7 @@ impl Tree {
         });
         for (triangle, &leaves) in leaves_of.iter().enumerate() {
             if leaves == 0 || (leaves > 1 && parameters.quality != Quality::SahSplit) {
-                fault.get_or_insert(TreeFault::References { triangle, leaves });
+                fault.get_or_insert(TreeFault::References(triangle, leaves));
             } else if !covered_by[triangle]
                 .contains(&Bounds::of_corners(&self.root.triangles.corners(triangle)))
             {
