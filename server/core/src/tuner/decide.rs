@@ -34,6 +34,18 @@ pub(super) enum Ground {
     Predicted,
 }
 
+/// The course of a visit, as far as it follows without the exploited configuration.
+enum Course {
+    /// It explores.
+    Explore(ExplorationEstimate),
+    /// It exploits: the search is over.
+    Finished,
+    /// It exploits a configuration that is not known to fail: exploring does not pay.
+    Weighed(ExplorationEstimate),
+    /// It exploits what is known: so the dice fell.
+    Drawn(ExplorationEstimate),
+}
+
 /// A predictor's answer as an exploitation.
 fn by_predictor(answer: Answer, predictor: PredictorMethod) -> Exploitation {
     let Answer { configuration, expected, neighbours } = answer;
@@ -178,45 +190,26 @@ impl Tuner {
         state: StateId,
         planned: &Planned,
     ) -> VisitDecision {
-        let policy = &self.spec.policy;
-        let (client_id, session) = (&ask.client_id, &ask.session_policy);
+        let session = &ask.session_policy;
         let (ground, start) = (self.ground(session), self.start_of(ask));
         let exploit = || self.exploitation_from(start.as_ref(), normalised, Some(state), ground, planned);
         let fails = |would: &Exploitation| self.states.results(state).fails(&would.configuration);
-        if policy.operation == Operation::Freeze {
+        if self.spec.policy.operation == Operation::Freeze {
             return exploit().kept(ExploitRule::Frozen, ExplorationEstimate::default());
         }
-        if self.is_finished_for(session, state) {
-            return exploit().kept(ExploitRule::Finished, ExplorationEstimate::default());
-        }
-        let mut estimate = ExplorationEstimate {
-            epsilon: Some(self.epsilon_of(session, Some(state))),
-            ..ExplorationEstimate::default()
-        };
-        let epsilon = session.epsilon.unwrap_or(policy.epsilon);
-        if policy.weigh_gain && epsilon > 0.0 {
-            let Prospect { gain, frames, exploring_cost, trials } =
-                self.gain().prospect(client_id, state, self.room_of(session));
-            estimate.expected_gain = Some(gain);
-            estimate.expected_frames = Some(frames);
-            estimate.exploring_cost = Some(exploring_cost);
-            // A search that its budget ended is still to be confirmed.
-            if trials > 0 || self.is_spent_for(session, state) {
-                let until = (self.states.results(state).tried() + trials) as u64;
-                estimate.until = (trials > 0).then_some(until);
-                return VisitDecision::Explore { rule: ExploreRule::Dice, estimate };
+        let (would, estimate) = match self.course(ask, number, state) {
+            Course::Explore(estimate) => return VisitDecision::Explore { rule: ExploreRule::Dice, estimate },
+            Course::Finished => return exploit().kept(ExploitRule::Finished, ExplorationEstimate::default()),
+            Course::Weighed(estimate) => {
+                let would = exploit();
+                if !fails(&would) {
+                    return would.kept(ExploitRule::Gain, estimate);
+                }
+                return VisitDecision::Explore { rule: ExploreRule::NothingKnown, estimate };
             }
-            let would = exploit();
-            return match fails(&would) {
-                true => VisitDecision::Explore { rule: ExploreRule::NothingKnown, estimate },
-                false => would.kept(ExploitRule::Gain, estimate),
-            };
-        }
-        if self.draws(ask, number, Some(state)) {
-            return VisitDecision::Explore { rule: ExploreRule::Dice, estimate };
-        }
-        let would = exploit();
-        if would.source != ExploitSource::Default || epsilon == 0.0 && !fails(&would) {
+            Course::Drawn(estimate) => (exploit(), estimate),
+        };
+        if would.source != ExploitSource::Default || self.never_explores(session) && !fails(&would) {
             // An open confirmation waits for clients on whom the dice fall.
             let rule =
                 if self.is_spent_for(session, state) { ExploitRule::Finished } else { ExploitRule::Dice };
@@ -225,20 +218,38 @@ impl Tuner {
         VisitDecision::Explore { rule: ExploreRule::NothingKnown, estimate }
     }
 
+    /// The course of visit `number` of a client to a state, in a study that is not frozen.
+    fn course(&self, ask: &Ask, number: u64, state: StateId) -> Course {
+        let (policy, session) = (&self.spec.policy, &ask.session_policy);
+        if self.is_finished_for(session, state) {
+            return Course::Finished;
+        }
+        let mut estimate = ExplorationEstimate {
+            epsilon: Some(self.epsilon_of(session, Some(state))),
+            ..ExplorationEstimate::default()
+        };
+        if !(policy.weigh_gain && session.epsilon.unwrap_or(policy.epsilon) > 0.0) {
+            let draws = self.draws(ask, number, Some(state));
+            return if draws { Course::Explore(estimate) } else { Course::Drawn(estimate) };
+        }
+        let Prospect { gain, frames, exploring_cost, trials } =
+            self.gain().prospect(&ask.client_id, state, self.room_of(session));
+        estimate.expected_gain = Some(gain);
+        estimate.expected_frames = Some(frames);
+        estimate.exploring_cost = Some(exploring_cost);
+        // A search that its budget ended is still to be confirmed.
+        if trials == 0 && !self.is_spent_for(session, state) {
+            return Course::Weighed(estimate);
+        }
+        let until = (self.states.results(state).tried() + trials) as u64;
+        estimate.until = (trials > 0).then_some(until);
+        Course::Explore(estimate)
+    }
+
     /// Whether a client explores a state for which the decision of visit `number` is to be taken, as far as
     /// that is known before the exploited configuration is.
     pub(super) fn explores(&self, ask: &Ask, number: u64, state: StateId) -> bool {
-        let (policy, session) = (&self.spec.policy, &ask.session_policy);
-        if self.is_finished_for(session, state) {
-            return false;
-        }
-        match policy.weigh_gain && session.epsilon.unwrap_or(policy.epsilon) > 0.0 {
-            true => {
-                self.is_spent_for(session, state)
-                    || self.gain().prospect(&ask.client_id, state, self.room_of(session)).trials > 0
-            }
-            false => self.draws(ask, number, Some(state)),
-        }
+        matches!(self.course(ask, number, state), Course::Explore(_))
     }
 
     /// Whether the dice of visit `number` of a client to a state, known or not, fall on exploring.
