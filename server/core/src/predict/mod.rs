@@ -19,6 +19,7 @@ use crate::results::KnownState;
 use crate::search::Verdict;
 use crate::space::Space;
 use crate::trial::Neighbour;
+pub(crate) use choice::FitTime;
 pub use choice::Predictors;
 pub use contextual::Contextual;
 pub use deferred::{ComputedUpdates, DeferredUpdates};

@@ -311,8 +311,8 @@ impl Tuner {
         }
         let transfer = self.transfer();
         if !was_dropped && transfer.warms_up_searches() {
-            let beginning = planned.take_beginning(state, &self.states[state].anchor);
-            if let Some(start) = beginning.unwrap_or_else(|| transfer.evidence(state).beginning(space)) {
+            let begins = || transfer.evidence(state).beginning(space);
+            if let Some(start) = planned.beginning(state, &self.states[state].anchor, begins) {
                 search.follow(start.main_effects, start.first, start.winners, start.runs);
                 incumbent = start.incumbent;
             }

@@ -14,8 +14,8 @@ use std::sync::Arc;
 
 use crate::configuration::Configuration;
 use crate::ids::StateId;
-use crate::predict::Answer;
 use crate::predict::contextual::FitRequest;
+use crate::predict::{Answer, FitTime};
 use crate::search::{AnySearch, PlannedPoint};
 use crate::study::StudySpec;
 use crate::tuner::assessment::{Assessment, AssessmentRequest};
@@ -144,46 +144,65 @@ pub(super) enum Planned {
     Ahead(Box<SuggestionPlan>),
 }
 
-/// The planned answers of predictors.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct PlannedAnswers<'a> {
-    /// The answer to exploit.
-    pub(super) answer: Option<&'a Answer>,
-    /// The answer to explore first.
-    pub(super) first: Option<&'a Answer>,
-}
-
 impl Planned {
     /// Whether models may be fitted now.
     pub(super) fn is_at_once(&self) -> bool {
         matches!(self, Planned::AtOnce)
     }
 
-    /// The planned answers of predictors for these indicators; `None` where they are to be asked now.
-    pub(super) fn of_predictors(&self, normalised: &[f64]) -> Option<PlannedAnswers<'_>> {
+    /// The fit of the predictors that answers for these indicators.
+    pub(super) fn answer(&self, normalised: &[f64]) -> FitTime<'_> {
+        self.fitted(normalised, |plan| plan.answer.as_ref())
+    }
+
+    /// The fit of the predictors that proposes what to explore first for these indicators.
+    pub(super) fn first(&self, normalised: &[f64]) -> FitTime<'_> {
+        self.fitted(normalised, |plan| plan.first.as_ref())
+    }
+
+    fn fitted<'a>(
+        &'a self,
+        normalised: &[f64],
+        answer: impl FnOnce(&'a SuggestionPlan) -> Option<&'a Answer>,
+    ) -> FitTime<'a> {
         match self {
-            Planned::AtOnce => None,
-            Planned::Ahead(plan) if plan.normalised == normalised => {
-                Some(PlannedAnswers { answer: plan.answer.as_ref(), first: plan.first.as_ref() })
+            Planned::AtOnce => FitTime::Now,
+            Planned::Ahead(plan) => {
+                FitTime::Before(answer(plan.as_ref()).filter(|_| plan.normalised == normalised))
             }
-            Planned::Ahead(_) => Some(PlannedAnswers { answer: None, first: None }),
         }
     }
 
-    /// The planned best of a portfolio for these indicators; `None` where it is to be computed now.
-    pub(super) fn of_portfolio(&self, normalised: &[f64]) -> Option<Option<&Configuration>> {
+    /// The `best` of a portfolio for these indicators.
+    pub(super) fn portfolio(
+        &self,
+        normalised: &[f64],
+        best: impl FnOnce() -> Option<Configuration>,
+    ) -> Option<Configuration> {
         match self {
-            Planned::AtOnce => None,
-            Planned::Ahead(plan) => Some(plan.portfolio.as_ref().filter(|_| plan.normalised == normalised)),
+            Planned::AtOnce => best(),
+            Planned::Ahead(plan) => {
+                plan.portfolio.as_ref().filter(|_| plan.normalised == normalised).cloned()
+            }
         }
     }
 
-    /// The warm start of the search of a state with this anchor; `None` where that was not planned.
-    pub(super) fn take_beginning(&mut self, state: StateId, anchor: &[f64]) -> Option<Option<WarmStart>> {
-        let Planned::Ahead(plan) = self else { return None };
-        let SuggestionPlan { normalised, beginning, .. } = plan.as_mut();
-        let is_of = |of: Option<StateId>| of.map_or(*normalised == anchor, |of| of == state);
-        beginning.take_if(|(of, _)| is_of(*of)).map(|(_, beginning)| beginning)
+    /// The warm start of the search of a state with this anchor; it `begins` now where that was not planned.
+    pub(super) fn beginning(
+        &mut self,
+        state: StateId,
+        anchor: &[f64],
+        begins: impl FnOnce() -> Option<WarmStart>,
+    ) -> Option<WarmStart> {
+        let planned = match self {
+            Planned::AtOnce => None,
+            Planned::Ahead(plan) => {
+                let SuggestionPlan { normalised, beginning, .. } = plan.as_mut();
+                let is_of = |of: Option<StateId>| of.map_or(*normalised == anchor, |of| of == state);
+                beginning.take_if(|(of, _)| is_of(*of))
+            }
+        };
+        planned.map_or_else(begins, |(_, beginning)| beginning)
     }
 
     pub(super) fn take_assessment(&mut self) -> Option<(StateId, Arc<Assessment>)> {

@@ -74,11 +74,7 @@ impl<'a> Transfer<'a> {
     ) -> Option<(Answer, PredictorMethod)> {
         let method = self.spec.policy.predictor;
         let query = Query { rival: Some(rival), ..self.query(normalised, here) };
-        let predictors = &self.models.predictors;
-        let answer = match planned.of_predictors(normalised) {
-            None => predictors.predict(method, &query),
-            Some(planned) => predictors.predict_ahead(method, &query, planned.answer),
-        };
+        let answer = self.models.predictors.predict_fitted(method, &query, planned.answer(normalised));
         answer.filter(|(answer, method)| {
             let configuration = &answer.configuration;
             configuration != rival && !query.excludes(configuration) && self.is_sound(&query, answer, *method)
@@ -123,11 +119,7 @@ impl<'a> Transfer<'a> {
             return None;
         }
         let (method, query) = (self.spec.policy.predictor, self.query(normalised, Some(state)));
-        let predictors = &self.models.predictors;
-        match planned.of_predictors(normalised) {
-            None => predictors.propose(method, &query, number),
-            Some(planned) => predictors.propose_ahead(method, &query, number, planned.first),
-        }
+        self.models.predictors.propose(method, &query, number, planned.first(normalised))
     }
 
     /// Whether the search of a state begins with the best configurations of others: where the states near by
@@ -169,10 +161,7 @@ impl<'a> Transfer<'a> {
         planned: &Planned,
     ) -> Option<(Configuration, ExploitSource)> {
         let evidence = self.evidence_elsewhere(normalised, here)?;
-        let best = match planned.of_portfolio(normalised) {
-            None => evidence.best(&self.spec.space),
-            Some(best) => best.cloned(),
-        };
+        let best = planned.portfolio(normalised, || evidence.best(&self.spec.space));
         // The default is an answer only where the states near by were searched and found nothing better.
         let is_found = |best: &Configuration| {
             best != self.spec.space.default_ref() || self.begins_with_portfolio(normalised, here)
