@@ -64,7 +64,7 @@ pub use budget::Account;
 pub use checkpoint::Learnt;
 pub use exploration::Exploration;
 pub use insight::{Insight, Omission, OmissionReason, Prospect};
-pub use plan::{PlanRequest, SuggestionPlan};
+pub use plan::{DecisionStep, PlanRequest, SuggestionPlan};
 pub use recorded::{RecordedVisitDecision, VisitDecisionBefore};
 pub use restore::Restoring;
 pub use types::{
@@ -171,27 +171,26 @@ impl Tuner {
         self.answer(question, self.pinned(), Planned::AtOnce, now_ms)
     }
 
-    /// [`Tuner::suggest`] in microseconds, where [`Tuner::plan`] has just found nothing to compute.
-    pub fn suggest_now(
-        &mut self,
-        question: Question<'_>,
-        now_ms: i64,
-    ) -> Result<(Trial, Change), TunerError> {
-        self.answer(question, self.pinned(), Planned::Ahead(Box::default()), now_ms)
-    }
-
-    /// [`Tuner::suggest`] in microseconds, with a computed plan. The tuner may have changed since.
-    pub fn suggest_planned(
+    /// [`Tuner::suggest`] in microseconds. A question without a plan may [need](Tuner::plan) one first, and
+    /// comes again with it; `may_plan` says whether to plan for a state's search. The tuner may have changed
+    /// since. A question with a plan is always answered.
+    pub fn suggest_step(
         &mut self,
         ask: &Ask,
-        plan: SuggestionPlan,
+        plan: Option<SuggestionPlan>,
+        may_plan: impl Fn(StateId) -> bool,
         now_ms: i64,
-    ) -> Result<(Trial, Change), TunerError> {
-        let question = match plan.normalised() {
+    ) -> Result<DecisionStep<(Trial, Change)>, TunerError> {
+        let question = match plan.as_ref().and_then(SuggestionPlan::normalised) {
             Some(normalised) => self.recognised(ask, normalised.to_vec()),
             None => self.question(ask)?,
         };
-        self.answer(question, self.pinned(), Planned::Ahead(Box::new(plan)), now_ms)
+        let needed = if plan.is_none() { self.plan(&question, may_plan) } else { None };
+        if let Some(request) = needed {
+            return Ok(DecisionStep::Need(Box::new(request)));
+        }
+        let planned = Planned::Ahead(Box::new(plan.unwrap_or_default()));
+        self.answer(question, self.pinned(), planned, now_ms).map(DecisionStep::Done)
     }
 
     /// Hands out a trial of a configuration that the client wants to measure, as if the policy pinned it for
@@ -362,18 +361,23 @@ impl Tuner {
         self.prediction(indicators, fingerprint, None, &Planned::AtOnce)
     }
 
-    /// [`Tuner::predict`] in microseconds, with a computed plan, for a client with a start or without.
-    pub fn predict_planned(
+    /// [`Tuner::predict`] in microseconds, for a client with a start or without. Without a plan it may need
+    /// one first, and is asked again with it.
+    pub fn predict_step(
         &mut self,
         indicators: &BTreeMap<String, f64>,
         fingerprint: Option<&Fingerprint>,
         start: Option<&RawConfiguration>,
-        plan: SuggestionPlan,
-    ) -> Result<Prediction, TunerError> {
-        let mut planned = Planned::Ahead(Box::new(plan));
+        plan: Option<SuggestionPlan>,
+    ) -> Result<DecisionStep<Prediction>, TunerError> {
+        let needed = if plan.is_none() { self.plan_prediction(indicators, fingerprint, start) } else { None };
+        if let Some(request) = needed {
+            return Ok(DecisionStep::Need(Box::new(request)));
+        }
+        let mut planned = Planned::Ahead(Box::new(plan.unwrap_or_default()));
         self.keep_planned(&mut planned);
         let start = self.checked_start(start)?;
-        self.prediction(indicators, fingerprint, start.as_ref(), &planned)
+        self.prediction(indicators, fingerprint, start.as_ref(), &planned).map(DecisionStep::Done)
     }
 
     /// The best known configuration of the state that matches the indicators, or of all states where none are

@@ -3,8 +3,8 @@
 //! A suggestion takes microseconds but for three things. A search with a model fits it. A search that begins
 //! receives the results of other states. The contextual predictor fits a process to measurements near by.
 //! Many clients that share a tuner must not wait for that. So the holder of the tuner makes a [`PlanRequest`]
-//! of a question, lets go of the tuner, [computes](PlanRequest::compute) it, and hands the [`SuggestionPlan`]
-//! in with the question. A question with a plan never fits a model. Its plan may lack a needed result,
+//! of a question (the [`DecisionStep`] that needs it), lets go of the tuner, [computes](PlanRequest::compute)
+//! it, and hands the [`SuggestionPlan`] in with the question. A question with a plan never fits a model. Its plan may lack a needed result,
 //! because another client changed the state or plans for its search. The question then gets the search's
 //! reserve, or an answer from the tables, because a client never waits. A client that is alone gets equal
 //! answers either way. Only the evidence of other states for a search that begins is computed at once where
@@ -41,6 +41,15 @@ pub struct PlanRequest {
     /// The state whose assessment gives the answer that a prediction has to beat; `None` where that answer is
     /// known.
     pub(super) rival_of: Option<StateId>,
+}
+
+/// One step towards an answer.
+#[derive(Clone, Debug)]
+pub enum DecisionStep<T> {
+    /// This has to be computed apart before the next step.
+    Need(Box<PlanRequest>),
+    /// The answer.
+    Done(T),
 }
 
 /// The result of a [`PlanRequest`]. The default plans nothing.

@@ -142,8 +142,8 @@ impl Tuner {
         (!request.is_empty()).then_some(request)
     }
 
-    /// Plans a prediction, for [`Tuner::predict_planned`].
-    pub fn plan_prediction(
+    /// Plans a prediction, for [`Tuner::predict_step`].
+    pub(super) fn plan_prediction(
         &self,
         indicators: &BTreeMap<String, f64>,
         fingerprint: Option<&Fingerprint>,

@@ -167,7 +167,7 @@ fn a_race_begins_and_ends_where_the_table_never_rests() {
         let question = tuner.question(&own).expect("valid");
         let plan = tuner.plan(&question, |_| true).map(PlanRequest::compute).unwrap_or_default();
         finish(&mut tuner, &busy, Outcome::Ok);
-        let trial = tuner.suggest_planned(&own, plan, 0).expect("valid").0;
+        let trial = with_plan(&mut tuner, &own, plan);
         rules.push(trial.decision.rule().expect("a trial has a rule"));
         finish(&mut tuner, &trial, Outcome::Ok);
     }

@@ -222,12 +222,8 @@ fn forty_concurrent_questions_get_many_configurations() {
     for worker in 0..40 {
         let ask = ask(&format!("worker {worker}"), 0.5, 0.5);
         let question = tuner.question(&ask).expect("valid");
-        let plan = tuner.plan(&question, |_| worker == 0).map(PlanRequest::compute);
-        let trial = match plan {
-            Some(plan) => tuner.suggest_planned(&ask, plan, 0),
-            None => tuner.suggest_now(question, 0),
-        };
-        distinct.insert(trial.expect("valid").0.configuration);
+        let plan = tuner.plan(&question, |_| worker == 0).map(PlanRequest::compute).unwrap_or_default();
+        distinct.insert(with_plan(&mut tuner, &ask, plan).configuration);
     }
     assert!(distinct.len() >= 38, "{} of 40", distinct.len());
 }
