@@ -16,7 +16,7 @@ use crate::results::{Record, ResultTable};
 use crate::robust::{deviation, median, reach_of};
 use crate::statistics::auxiliary::{Denoiser, Observation};
 use crate::statistics::movement::Movement;
-use crate::tuner::confirmation::Stored;
+use crate::tuner::race::Stored;
 
 /// Number of trials after which the regression is learnt again.
 const LEARNT_EVERY: u64 = 4;

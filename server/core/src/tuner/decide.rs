@@ -13,9 +13,9 @@ use crate::results::KnownState;
 use crate::search::Verdict;
 use crate::session::SessionPolicy;
 use crate::trial::Neighbour;
-use crate::tuner::confirmation::Answered;
 use crate::tuner::plan::Planned;
 use crate::tuner::proposal::Exploitation;
+use crate::tuner::standings::Answered;
 use crate::tuner::transfer::Transfer;
 use crate::tuner::{Ask, Prediction, Prospect, Tuner, VisitDecision};
 
@@ -270,11 +270,6 @@ impl Tuner {
         draw < epsilon
     }
 
-    /// Whether the state's search has spent its budget.
-    pub(super) fn is_finished(&self, state: StateId) -> bool {
-        self.is_spent_within(self.spec.policy.trials_per_state as usize, state)
-    }
-
     /// Whether the default can be run in a state, as far as is known.
     pub(super) fn default_runs(&self, state: StateId) -> bool {
         let settled = self.states.results(state).settled(self.spec.space.default_ref(), 1);
@@ -327,7 +322,7 @@ impl Tuner {
         let transfer = self.transfer();
         if ground == Ground::Measured || !transfer.needs_predictor(here) {
             let by_machines = here.filter(|_| ground == Ground::Predicted);
-            let by_machines = by_machines.filter(|&state| !self.is_finished(state));
+            let by_machines = by_machines.filter(|&state| !self.standings().is_finished(state));
             let by_machines = by_machines.and_then(|state| transfer.best_by_machines(state));
             return by_machines.unwrap_or_else(|| self.measured_answer(normalised, here, planned));
         }
@@ -397,7 +392,7 @@ impl Tuner {
             return answer;
         };
         let (Some(answered), Some(luckiest)) =
-            (self.answered(state, None, planned), self.states.results(state).best())
+            (self.standings().answered(state, None, planned), self.states.results(state).best())
         else {
             return answer;
         };
@@ -422,7 +417,7 @@ impl Tuner {
     ) -> Option<Exploitation> {
         let KnownState { id, results, .. } = &self.states[state];
         let Answered { configuration, cost, gain, nothing_better, gain_at_most, .. } =
-            self.answered(state, start, planned)?;
+            self.standings().answered(state, start, planned)?;
         let (tried, measurements) =
             (results.tried() as u64, results.record(&configuration).map_or(0, |record| record.measurements));
         let is_maximised = self.spec.objective.view().is_maximised();

@@ -10,7 +10,7 @@ use crate::limits::LOST_CONFIGURATIONS_MAX;
 use crate::packed::{PackedError, pack, unpack};
 use crate::search::{AnySearch, Feedback, Verdict};
 use crate::space::Space;
-use crate::tuner::confirmation::{Confirming, Stored};
+use crate::tuner::race::{Confirming, Stored};
 
 /// The search of one state and its points in flight. Once its budget is spent the search itself is dropped,
 /// because the state's table holds its results. Opaque, exact through serde.

@@ -86,13 +86,13 @@ impl Tuner {
     ) -> Explored {
         let client_id = ask.client_id.as_str();
         if let Some(candidate) = self.recheck(client_id, state)
-            && self.is_spent_within(room, state)
-            && !self.is_to_be_confirmed(state)
+            && self.standings().is_spent_within(room, state)
+            && !self.standings().is_to_be_confirmed(state)
         {
             return Explored::Candidate(candidate);
         }
         // A session may want fewer trials than the study.
-        let is_open = !self.is_spent_within(room, state);
+        let is_open = !self.standings().is_spent_within(room, state);
         let candidate = is_open.then(|| self.transfer().untried_by_machines(state)).flatten();
         let candidate = candidate.or_else(|| self.first_of_a_state(state, number, normalised, planned));
         let candidate = candidate.or_else(|| self.incumbent_again(client_id, room, state));
@@ -111,7 +111,7 @@ impl Tuner {
             }
             NextPoint::Wait if is_exhausted => match self.contender_again(room, state) {
                 Some(candidate) => return Explored::Candidate(candidate),
-                None if self.is_spent_within(room, state) => ExploitRule::Finished,
+                None if self.standings().is_spent_within(room, state) => ExploitRule::Finished,
                 None => ExploitRule::Waiting,
             },
             NextPoint::OnlyKnown => match self.unseen(state, number) {
@@ -127,10 +127,10 @@ impl Tuner {
         };
         let mut rule = rule;
         if rule == ExploitRule::Finished {
-            if let Some(candidate) = self.confirm(state, number, planned) {
+            if let Some(candidate) = self.racing().confirm(state, number, planned) {
                 return Explored::Candidate(candidate);
             }
-            if self.is_to_be_confirmed(state) {
+            if self.standings().is_to_be_confirmed(state) {
                 rule = ExploitRule::Waiting;
             }
         }
@@ -145,7 +145,7 @@ impl Tuner {
     /// that it gives way. One whose single cost may be far too low is measured again where all others were
     /// stopped by it. Once the search is spent the confirmation measures it anyway.
     fn incumbent_again(&self, client_id: &str, room: usize, state: StateId) -> Option<ProposedTrial> {
-        let (results, incumbent) = (self.states.results(state), self.incumbent(state));
+        let (results, incumbent) = (self.states.results(state), self.standings().incumbent(state));
         let goes_on = self.searches.taken(state, results, &self.spec.policy) < room && !results.is_exact();
         let hurried = !self.spec.objective.auxiliary().is_empty() && !self.auxiliaries.explains(state);
         let record = results.ran(incumbent)?;
@@ -185,7 +185,7 @@ impl Tuner {
     /// followed as it was published. A single measurement far from all others is repeated at once, at any
     /// stage of the search.
     fn leader_again(&self, room: usize, state: StateId) -> Option<ProposedTrial> {
-        let (results, incumbent) = (self.states.results(state), self.incumbent(state));
+        let (results, incumbent) = (self.states.results(state), self.standings().incumbent(state));
         let (tried, taken) = (results.tried(), self.searches.taken(state, results, &self.spec.policy));
         let is_confirmed = self.spec.policy.confirm_rounds > 0 && self.transfer().warms_up_searches();
         if is_confirmed

@@ -73,7 +73,7 @@ impl Tuner {
         let results = self.states.results(state);
         // A session may want a longer search than the study's operator, or a shorter one.
         let room = self.visits.room(state).unwrap_or(self.spec.policy.trials_per_state as usize);
-        let is_finished = self.is_spent_within(room, state);
+        let is_finished = self.standings().is_spent_within(room, state);
         let prospect = self.gain().prospect("", state, room);
         let left = room.saturating_sub(self.searches.taken(state, results, &self.spec.policy));
         let mut omissions = Vec::new();
@@ -99,7 +99,7 @@ impl Tuner {
             drifts: results.drifts(),
             prospect: (!is_finished).then_some(prospect),
             omissions,
-            standing: self.standing(state, start, planned),
+            standing: self.standings().standing(state, start, planned),
         }
     }
 

@@ -76,7 +76,7 @@ impl Tuner {
             predictors.request(predictor, &Query { rival: Some(&measured.configuration), ..query() })
         };
         let first = || predictors.proposal(predictor, &query(), self.trials.last().0 + 1);
-        let rival_of = here.filter(|&here| !self.is_settled(here));
+        let rival_of = here.filter(|&here| !self.standings().is_settled(here));
         let mut request = PlanRequest { rival_of, ..PlanRequest::nothing(&self.spec) };
         let explores = match self.decides(ask, here) {
             _ if policy.operation == Operation::Shadow => false,
@@ -94,10 +94,11 @@ impl Tuner {
                 true
             }
         };
-        let ends =
-            |here: &StateId| self.is_spent_for(&ask.session_policy, *here) && self.is_to_be_confirmed(*here);
+        let ends = |here: &StateId| {
+            self.is_spent_for(&ask.session_policy, *here) && self.standings().is_to_be_confirmed(*here)
+        };
         let answers = if explores { here.filter(ends) } else { self.state_that_answers(&query(), here) };
-        request.assessment = answers.and_then(|state| self.assessment_to_plan(state, None));
+        request.assessment = answers.and_then(|state| self.standings().assessment_to_plan(state, None));
         request.beside_start = self.start_to_plan(self.start_of(ask), answers.filter(|_| answers == here));
         let tunes = policy.operation == Operation::Tune;
         // The start that such a client holds is taken back before it is answered.
@@ -163,10 +164,10 @@ impl Tuner {
         let portfolio = self.transfer().evidence_elsewhere(&normalised, here);
         let answer = asks.then(|| predictors.request(self.spec.policy.predictor, &query)).flatten();
         let answers = self.state_that_answers(&query, here);
-        let assessment = answers.and_then(|state| self.assessment_to_plan(state, None));
+        let assessment = answers.and_then(|state| self.standings().assessment_to_plan(state, None));
         let start = self.checked_start(start).ok()?;
         let beside_start = self.start_to_plan(start, answers.filter(|_| answers == here));
-        let rival_of = here.filter(|&here| !self.is_settled(here));
+        let rival_of = here.filter(|&here| !self.standings().is_settled(here));
         let nothing = PlanRequest::nothing(&self.spec);
         let request =
             PlanRequest { answer, portfolio, normalised, assessment, beside_start, rival_of, ..nothing };
@@ -181,7 +182,7 @@ impl Tuner {
         start: Option<&RawConfiguration>,
     ) -> Option<PlanRequest> {
         let state = self.best_state(indicators, fingerprint).ok()??;
-        let assessment = self.assessment_to_plan(state, None);
+        let assessment = self.standings().assessment_to_plan(state, None);
         let beside_start = self.start_to_plan(self.checked_start(start).ok()?, Some(state));
         let request = PlanRequest { assessment, beside_start, ..PlanRequest::nothing(&self.spec) };
         (!request.is_empty()).then_some(request)
@@ -195,7 +196,7 @@ impl Tuner {
     ) -> Option<AssessmentRequest> {
         let (start, state) = (start?, state?);
         self.measured_start(state, Some(&start))?;
-        self.assessment_to_plan(state, Some(&start))
+        self.standings().assessment_to_plan(state, Some(&start))
     }
 
     /// The state whose own measurements answer a question, as far as is known before it is answered: its own

@@ -17,7 +17,7 @@ use crate::ids::StateId;
 use crate::limits::RECHECKS_MAX;
 use crate::results::{Record, ResultTable};
 use crate::robust::lower_median;
-use crate::tuner::confirmation::Stored;
+use crate::tuner::race::Stored;
 
 /// Ratios of neighbouring runs that decide a recheck.
 const RATIOS: usize = 4;

@@ -111,7 +111,7 @@ impl Tuner {
             _ => settled,
         };
         self.tell_of_transfer(completed, state, verdict);
-        self.tell_race(completed, learnt.cost);
+        self.racing().tell_race(completed, learnt.cost);
         self.release(completed, verdict.map(|verdict| Feedback { verdict, fresh: true }));
         self.weigh(state, &completed.configuration);
     }

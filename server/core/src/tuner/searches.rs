@@ -10,8 +10,8 @@ use crate::results::ResultTable;
 use crate::search::{AnySearch, hears_others};
 use crate::space::Space;
 use crate::tuner::Exploration;
-use crate::tuner::confirmation::Stored;
 use crate::tuner::few::{self, FewConfigurations};
+use crate::tuner::race::Stored;
 use crate::tuner::states::place;
 
 /// The search of each state, in the order of their ids.

@@ -30,17 +30,12 @@ impl Tuner {
 
     /// Whether a state's search is over for a session, and confirmed.
     pub(super) fn is_finished_for(&self, session: &SessionPolicy, state: StateId) -> bool {
-        self.is_spent_for(session, state) && !self.is_to_be_confirmed(state)
+        self.is_spent_for(session, state) && !self.standings().is_to_be_confirmed(state)
     }
 
     /// Whether a state's search has spent a session's number of trials, confirmed or not.
     pub(super) fn is_spent_for(&self, session: &SessionPolicy, state: StateId) -> bool {
-        self.is_spent_within(self.room_of(session), state)
-    }
-
-    /// Whether nothing is left to be searched in a state, within a budget of `room` trials.
-    pub(super) fn is_spent_within(&self, room: usize, state: StateId) -> bool {
-        self.searches.are_spent(state, self.states.results(state), &self.spec.policy, room)
+        self.standings().is_spent_within(self.room_of(session), state)
     }
 
     /// Whether the last decision for a client was taken under another session policy.

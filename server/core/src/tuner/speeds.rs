@@ -17,7 +17,7 @@ use crate::ids::StateId;
 use crate::limits::{SPEEDS_MAX, UNHELD_MAX};
 use crate::results::{NOISE_PRIOR, ResultTable};
 use crate::statistics::drift::Speed;
-use crate::tuner::confirmation::Stored;
+use crate::tuner::race::Stored;
 
 /// Number of measurements that make the cost of a configuration known. One suffices for the default, with
 /// which every search begins.

@@ -80,7 +80,7 @@ impl Tuner {
     /// client's start, unless that beats the incumbent. `tried` configurations had a verdict before.
     pub(super) fn stand_beside_start(&mut self, completed: &Trial, tried: usize) {
         let state = StateId(completed.state_id);
-        let (results, incumbent) = (self.states.results(state), self.incumbent(state));
+        let (results, incumbent) = (self.states.results(state), self.standings().incumbent(state));
         let is_new = runs_start(completed, self.spec.space.default_ref()) && results.tried() > tried;
         let beats = results.ran(&completed.configuration).is_some_and(|start| {
             results.ran(incumbent).is_none_or(|incumbent| results.beats(start, incumbent))

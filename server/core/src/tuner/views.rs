@@ -8,8 +8,10 @@ use crate::policy::PredictorMethod;
 use crate::predict::prequential::ErrorInterval;
 use crate::session::SessionPolicy;
 use crate::trial::{Fingerprint, Trial};
+use crate::tuner::confirmation::Racing;
 use crate::tuner::gain::GainEvidence;
 use crate::tuner::plan::Planned;
+use crate::tuner::standings::Standings;
 use crate::tuner::transfer::Transfer;
 use crate::tuner::{Ask, Best, Prediction, Question, StateRecord, StudyCounts, Tuner, TunerError, checks};
 
@@ -102,6 +104,16 @@ impl Tuner {
         GainEvidence { policy: &spec.policy, states, history }
     }
 
+    pub(super) fn standings(&self) -> Standings<'_> {
+        let Tuner { spec, states, searches, assessments, .. } = self;
+        Standings { spec, states, searches, assessments }
+    }
+
+    pub(super) fn racing(&mut self) -> Racing<'_> {
+        let Tuner { spec, states, searches, assessments, .. } = self;
+        Racing { spec, states, searches, assessments }
+    }
+
     pub(super) fn transfer(&self) -> Transfer<'_> {
         let Tuner { spec, states, searches, trials, models, .. } = self;
         Transfer { spec, states, searches, trials, models, asking: None }
@@ -134,7 +146,7 @@ impl Tuner {
         start: Option<&Configuration>,
         planned: &Planned,
     ) -> Option<Best> {
-        let answered = self.answered(state, start, planned)?;
+        let answered = self.standings().answered(state, start, planned)?;
         let default = self.measured_start(state, start).unwrap_or(self.spec.space.default_ref());
         let record = self.states.results(state).record(&answered.configuration)?;
         assert!(record.measurements > 0 && !record.infeasible, "the best was measured and can be run");
@@ -148,7 +160,7 @@ impl Tuner {
             state_id: state.0,
             trial: record.last_trial,
             last_measure_ms: record.last_measure_ms,
-            standing: self.standing(state, start, planned)?,
+            standing: self.standings().standing(state, start, planned)?,
         })
     }
 

@@ -158,7 +158,7 @@ fn a_portfolio_begins_where_most_states_near_by_were_searched() {
 fn a_race_begins_and_ends_where_the_table_never_rests() {
     let mut tuner = tuner(Policy { epsilon: 1.0, trials_per_state: 40, ..Policy::default() });
     run(&mut tuner, "a", 0.5, 0.5, 40);
-    assert!(tuner.is_to_be_confirmed(StateId(1)), "the search is over");
+    assert!(tuner.standings().is_to_be_confirmed(StateId(1)), "the search is over");
     let (own, beside) = (ask("a", 0.5, 0.5), ask("b", 0.5, 0.5));
     let default = tuner.spec().space.default_configuration().to_raw();
     let mut rules = Vec::new();

@@ -86,12 +86,12 @@ fn what_the_budget_ended_is_confirmed_where_gains_are_weighed() {
     let policy = Policy { confirm_rounds: 10, ..explore_always() };
     let mut tuner = tuner(policy.clone());
     run(&mut tuner, "a", 0.5, 0.5, 30);
-    assert!(tuner.is_to_be_confirmed(StateId(1)), "the search is over");
+    assert!(tuner.standings().is_to_be_confirmed(StateId(1)), "the search is over");
     tuner.set_policy(Policy { weigh_gain: true, ..policy }).expect("valid");
     let trials = run(&mut tuner, "b", 0.5, 0.5, 80);
     let confirms = |trial: &Trial| trial.decision.rule() == Some(Rule::Confirming);
     assert!(trials.iter().any(confirms), "nobody would ever confirm it");
-    assert!(!tuner.is_to_be_confirmed(StateId(1)));
+    assert!(!tuner.standings().is_to_be_confirmed(StateId(1)));
     assert_eq!(trials[79].decision.rule(), Some(Rule::Finished));
 }
 
@@ -101,7 +101,7 @@ fn who_stays_is_not_left_at_what_the_dice_gave_first() {
     run(&mut tuner, "first", 0.5, 0.5, 20);
     for client in 0..12 {
         let explored = explored(&mut tuner, &format!("client {client}"), 0.5, 40, cost);
-        if tuner.is_finished(StateId(1)) {
+        if tuner.standings().is_finished(StateId(1)) {
             return;
         }
         assert!(explored > 0, "client {client}");
@@ -210,7 +210,11 @@ fn what_clients_brought_along_serves_the_next_state() {
     assert_eq!((answer.reason().source.as_str(), answer.configuration.to_raw()), ("portfolio", best.clone()));
     let first = suggest(&mut tuner, "b", 0.95, 0.9);
     assert_eq!(first.configuration.get("min_leaf_size"), Some(&Value::Integer(5)));
-    assert_eq!(*tuner.incumbent(StateId(first.state_id)), first.configuration, "proven elsewhere");
+    assert_eq!(
+        *tuner.standings().incumbent(StateId(first.state_id)),
+        first.configuration,
+        "proven elsewhere"
+    );
 }
 
 #[test]

@@ -154,7 +154,7 @@ fn settled() -> (Tuner, Rows) {
         let report = tuner.report(&trial, measured(noise * cost(&trial)), Outcome::Ok, 1);
         rows.write(&report.expect("valid").1);
     }
-    assert!(tuner.is_settled(StateId(1)));
+    assert!(tuner.standings().is_settled(StateId(1)));
     (tuner, rows)
 }
 
@@ -172,7 +172,7 @@ fn a_verdict_stands_unless_a_start_beats_it_also_after_a_restart() {
     for leaves in [16, 14] {
         let worse = own(&[("min_leaf_size", Value::Integer(leaves)), ("travel_cost", Value::Float(0.3))]);
         measure(&mut tuner, &mut rows, &worse, 1.0);
-        assert!(tuner.is_settled(state), "a worse start is no reason");
+        assert!(tuner.standings().is_settled(state), "a worse start is no reason");
         assert_eq!(tuner.best(None, None).expect("valid").expect("measured").configuration, verdict);
     }
     let lost = own(&[("travel_cost", Value::Float(0.7))]);
@@ -188,12 +188,12 @@ fn a_verdict_stands_unless_a_start_beats_it_also_after_a_restart() {
     assert!(!next(&tuner).decision.measures_start(), "it is left");
     for checkpoint in [None, Some(&saved)] {
         let restored = rows.restore(&tuner, checkpoint);
-        assert!(restored.is_settled(state));
+        assert!(restored.standings().is_settled(state));
         assert_eq!(next(&restored), next(&tuner));
     }
     let better = own(&[("width", Value::Integer(8)), ("travel_cost", Value::Float(4.97))]);
     measure(&mut tuner, &mut rows, &better, 0.2);
-    assert!(!tuner.is_settled(state), "a better one is a reason");
+    assert!(!tuner.standings().is_settled(state), "a better one is a reason");
 }
 
 #[test]
