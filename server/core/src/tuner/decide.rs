@@ -74,7 +74,7 @@ impl Tuner {
         if self.spec.policy.operation != Operation::Shadow {
             return None;
         }
-        let ground = self.ground(&SessionPolicy::default());
+        let ground = self.wishes(&SessionPolicy::default()).ground();
         let start = self.usable_start(ask, state);
         let would = self.exploitation_from(start.as_ref(), normalised, Some(state), ground, planned);
         let configuration = start.unwrap_or_else(|| self.spec.space.default_configuration());
@@ -103,7 +103,7 @@ impl Tuner {
         let Some(state) = state.filter(|state| visit.state_id == state.0) else {
             return Some(visit.number + 1);
         };
-        if self.has_other_wishes(client_id, &ask.session_policy) {
+        if self.visits.has_other_wishes(client_id, &ask.session_policy) {
             return Some(visit.number + 1);
         }
         let (policy, stay) = (&self.spec.policy, self.history.stay(client_id, state));
@@ -116,21 +116,21 @@ impl Tuner {
                 let is_weighed_again = match estimate.until {
                     Some(until) => tried >= until,
                     // A search to be confirmed may have been given a larger budget since.
-                    None => *rule == ExploreRule::Dice && !self.is_spent_for(&ask.session_policy, state),
+                    None => *rule == ExploreRule::Dice && !self.wishes(&ask.session_policy).is_spent(state),
                 };
                 may_end && self.never_explores(&ask.session_policy) || policy.weigh_gain && is_weighed_again
             }
             VisitDecision::Exploit { configuration, exploit, .. } => {
                 let doubled = stay > 1 && stay.is_power_of_two();
-                let epsilon = || self.epsilon_of(&ask.session_policy, Some(state));
+                let epsilon = || self.wishes(&ask.session_policy).epsilon(Some(state));
                 // A search that is over may still have to be confirmed by those who stay.
                 let stays = || stay as f64 * epsilon() >= STAY_EXPLORES;
                 let by_dice = matches!(exploit.rule, ExploitRule::Dice | ExploitRule::RolledBack)
                     || exploit.rule == ExploitRule::Finished && stays();
                 let is_thrown_again =
                     || by_dice && !policy.dice_once && self.explores(ask, visit.number, state);
-                let begins_again =
-                    exploit.rule == ExploitRule::Finished && !self.is_spent_for(&ask.session_policy, state);
+                let begins_again = exploit.rule == ExploitRule::Finished
+                    && !self.wishes(&ask.session_policy).is_spent(state);
                 let (rule, threw) = (exploit.rule, exploit.estimate.epsilon);
                 let is_outdated = rule == ExploitRule::Frozen && policy.operation == Operation::Tune
                     || rule == ExploitRule::Gain && !policy.weigh_gain
@@ -155,7 +155,7 @@ impl Tuner {
         policy.operation == Operation::Tune
             && policy.regret_budget.is_none()
             && ask.session_policy.epsilon.unwrap_or(policy.epsilon) > 0.0
-            && self.is_finished_for(&ask.session_policy, state)
+            && self.wishes(&ask.session_policy).is_finished(state)
             && self.rechecks.wanted(&ask.client_id, state).is_some()
     }
 
@@ -172,7 +172,7 @@ impl Tuner {
         // The nearest neighbour names what ran in another state.
         let nearest = PredictorMethod::NearestNeighbour;
         let is_modelled = matches!(source, ExploitSource::Predictor(by) if by.predictor != nearest);
-        self.ground(&ask.session_policy) == Ground::Measured
+        self.wishes(&ask.session_policy).ground() == Ground::Measured
             && (results.best().is_some() || is_modelled)
             && results.ran(configuration).is_none()
             && self.start_of(ask).as_ref() != Some(configuration)
@@ -191,7 +191,7 @@ impl Tuner {
         planned: &Planned,
     ) -> VisitDecision {
         let session = &ask.session_policy;
-        let (ground, start) = (self.ground(session), self.start_of(ask));
+        let (ground, start) = (self.wishes(session).ground(), self.start_of(ask));
         let exploit = || self.exploitation_from(start.as_ref(), normalised, Some(state), ground, planned);
         let fails = |would: &Exploitation| self.states.results(state).fails(&would.configuration);
         if self.spec.policy.operation == Operation::Freeze {
@@ -212,7 +212,7 @@ impl Tuner {
         if would.source != ExploitSource::Default || self.never_explores(session) && !fails(&would) {
             // An open confirmation waits for clients on whom the dice fall.
             let rule =
-                if self.is_spent_for(session, state) { ExploitRule::Finished } else { ExploitRule::Dice };
+                if self.wishes(session).is_spent(state) { ExploitRule::Finished } else { ExploitRule::Dice };
             return would.kept(rule, estimate);
         }
         VisitDecision::Explore { rule: ExploreRule::NothingKnown, estimate }
@@ -221,11 +221,11 @@ impl Tuner {
     /// The course of visit `number` of a client to a state, in a study that is not frozen.
     fn course(&self, ask: &Ask, number: u64, state: StateId) -> Course {
         let (policy, session) = (&self.spec.policy, &ask.session_policy);
-        if self.is_finished_for(session, state) {
+        if self.wishes(session).is_finished(state) {
             return Course::Finished;
         }
         let mut estimate = ExplorationEstimate {
-            epsilon: Some(self.epsilon_of(session, Some(state))),
+            epsilon: Some(self.wishes(session).epsilon(Some(state))),
             ..ExplorationEstimate::default()
         };
         if !(policy.weigh_gain && session.epsilon.unwrap_or(policy.epsilon) > 0.0) {
@@ -233,12 +233,12 @@ impl Tuner {
             return if draws { Course::Explore(estimate) } else { Course::Drawn(estimate) };
         }
         let Prospect { gain, frames, exploring_cost, trials } =
-            self.gain().prospect(&ask.client_id, state, self.room_of(session));
+            self.gain().prospect(&ask.client_id, state, self.wishes(session).room());
         estimate.expected_gain = Some(gain);
         estimate.expected_frames = Some(frames);
         estimate.exploring_cost = Some(exploring_cost);
         // A search that its budget ended is still to be confirmed.
-        if trials == 0 && !self.is_spent_for(session, state) {
+        if trials == 0 && !self.wishes(session).is_spent(state) {
             return Course::Weighed(estimate);
         }
         let until = (self.states.results(state).tried() + trials) as u64;
@@ -254,10 +254,10 @@ impl Tuner {
 
     /// Whether the dice of visit `number` of a client to a state, known or not, fall on exploring.
     pub(super) fn draws(&self, ask: &Ask, number: u64, state: Option<StateId>) -> bool {
-        if self.explores_to_the_end(&ask.session_policy) {
+        if self.wishes(&ask.session_policy).explores_to_the_end() {
             return true;
         }
-        let epsilon = self.epsilon_of(&ask.session_policy, state);
+        let epsilon = self.wishes(&ask.session_policy).epsilon(state);
         let long = state.filter(|_| !self.spec.policy.dice_once);
         let stay = long.map_or(0, |state| self.history.stay(&ask.client_id, state));
         if stay as f64 * epsilon >= STAY_EXPLORES {
@@ -274,15 +274,6 @@ impl Tuner {
     pub(super) fn default_runs(&self, state: StateId) -> bool {
         let settled = self.states.results(state).settled(self.spec.space.default_ref(), 1);
         settled != Some(Verdict::Infeasible)
-    }
-
-    /// The ground of an answer to a session.
-    pub(super) fn ground(&self, session: &SessionPolicy) -> Ground {
-        if self.spec.policy.operation == Operation::Freeze || self.never_explores(session) {
-            Ground::Measured
-        } else {
-            Ground::Predicted
-        }
     }
 
     /// The answer without a search.

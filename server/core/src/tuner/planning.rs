@@ -66,7 +66,7 @@ impl Tuner {
         let transfer = Transfer { asking: Some((machines, machine)), ..self.transfer() };
         let query = || transfer.query(normalised, here);
         let (predictor, predictors) = (policy.predictor, &self.models.predictors);
-        let ground = self.ground(&ask.session_policy);
+        let ground = self.wishes(&ask.session_policy).ground();
         let answer = || {
             if ground == Ground::Measured || !transfer.needs_predictor(here) {
                 return None;
@@ -95,7 +95,7 @@ impl Tuner {
             }
         };
         let ends = |here: &StateId| {
-            self.is_spent_for(&ask.session_policy, *here) && self.standings().is_to_be_confirmed(*here)
+            self.wishes(&ask.session_policy).is_spent(*here) && self.standings().is_to_be_confirmed(*here)
         };
         let answers = if explores { here.filter(ends) } else { self.state_that_answers(&query(), here) };
         request.assessment = answers.and_then(|state| self.standings().assessment_to_plan(state, None));
@@ -158,7 +158,7 @@ impl Tuner {
         let measured = self.measured_answer(&normalised, here, &Planned::Ahead(Box::default()));
         let query = self.states.query(&self.spec.space, &normalised, here);
         let query = Query { rival: Some(&measured.configuration), ..query };
-        let predicts = self.ground(&SessionPolicy::default()) == Ground::Predicted;
+        let predicts = self.wishes(&SessionPolicy::default()).ground() == Ground::Predicted;
         let asks = predicts && self.transfer().needs_predictor(here);
         let predictors = &self.models.predictors;
         let portfolio = self.transfer().evidence_elsewhere(&normalised, here);
@@ -221,7 +221,7 @@ impl Tuner {
     fn search_to_plan(&self, ask: &Ask, state: StateId) -> Option<(StateId, Box<AnySearch>, usize)> {
         let (policy, results) = (&self.spec.policy, self.states.results(state));
         let exploration = self.searches.of(state)?;
-        let room = self.room_of(&ask.session_policy);
+        let room = self.wishes(&ask.session_policy).room();
         let mut search = Cow::Borrowed(exploration.search.as_ref()?);
         if !self.spec.objective.fidelities().is_empty() {
             search.to_mut().open_levels(&self.open_levels(ask, room));

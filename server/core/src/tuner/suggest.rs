@@ -194,7 +194,7 @@ impl Tuner {
     fn cheaper_level(&self, ask: &Ask, number: TrialNumber, state: StateId) -> Option<String> {
         let own = self.searches.of(state)?;
         let level = own.search.as_ref()?.level_of(*own.open.get(&number.0)?)?;
-        let is_open = !self.open_levels(ask, self.room_of(&ask.session_policy)).is_empty();
+        let is_open = !self.open_levels(ask, self.wishes(&ask.session_policy).room()).is_empty();
         let level = self.spec.objective.fidelities().get(level as usize).filter(|_| is_open);
         level.map(|level| level.name.clone())
     }

@@ -11,6 +11,7 @@ use crate::trial::{Fingerprint, Trial};
 use crate::tuner::confirmation::Racing;
 use crate::tuner::gain::GainEvidence;
 use crate::tuner::plan::Planned;
+use crate::tuner::session::Wishes;
 use crate::tuner::standings::Standings;
 use crate::tuner::transfer::Transfer;
 use crate::tuner::{Ask, Best, Prediction, Question, StateRecord, StudyCounts, Tuner, TunerError, checks};
@@ -93,7 +94,7 @@ impl Tuner {
         checks::fingerprint(fingerprint)?;
         let normalised = self.spec.indicators.normalise(indicators)?;
         let here = self.recognise_for(fingerprint, &normalised);
-        let ground = self.ground(&SessionPolicy::default());
+        let ground = self.wishes(&SessionPolicy::default()).ground();
         let exploit = || self.exploitation_from(start, &normalised, here, ground, planned).asked();
         let prediction = self.pinned().unwrap_or_else(exploit);
         Ok(Prediction { insight: here.map(|here| self.insight(here, start, planned)), ..prediction })
@@ -112,6 +113,15 @@ impl Tuner {
     pub(super) fn racing(&mut self) -> Racing<'_> {
         let Tuner { spec, states, searches, assessments, .. } = self;
         Racing { spec, states, searches, assessments }
+    }
+
+    pub(super) fn wishes<'a>(&'a self, session: &'a SessionPolicy) -> Wishes<'a> {
+        Wishes { session, standings: self.standings(), gain: self.gain() }
+    }
+
+    /// Whether a session never explores, as long as anything else can be run.
+    pub(super) fn never_explores(&self, session: &SessionPolicy) -> bool {
+        self.wishes(session).never_explores()
     }
 
     pub(super) fn transfer(&self) -> Transfer<'_> {

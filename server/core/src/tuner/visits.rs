@@ -10,6 +10,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use crate::decision::ExploitRule;
 use crate::ids::{StateId, TrialNumber};
 use crate::policy::Policy;
+use crate::session::SessionPolicy;
 use crate::tuner::{Account, Ask, Visit, VisitDecision};
 
 #[derive(Clone, Debug, Default)]
@@ -145,6 +146,11 @@ impl Visits {
         (forgotten.into_iter().map(|visit| visit.client_id).collect(), changed)
     }
 
+    /// Whether the last decision for a client was taken under another session policy.
+    pub(super) fn has_other_wishes(&self, client_id: &str, session: &SessionPolicy) -> bool {
+        self.account(client_id).map_or(SessionPolicy::default(), |account| account.policy) != *session
+    }
+
     /// Opens a client's account if the policy keeps one or its session has its own policy, and notes the
     /// client's state. Trials after `last` are of the session that the account is for.
     pub(super) fn keep_account(&mut self, ask: &Ask, policy: &Policy, state: StateId, last: TrialNumber) {
@@ -169,7 +175,6 @@ impl Visits {
 mod tests {
     use super::*;
     use crate::decision::{ExploitSource, ExplorationEstimate, ExploreRule};
-    use crate::session::SessionPolicy;
     use crate::space::Space;
     use crate::tuner::budget::{Denied, Terms};
     use crate::tuner::proposal::Exploitation;

@@ -31,7 +31,7 @@ impl Tuner {
         decided: ExploreBasis,
         planned: &mut Planned,
     ) -> Prediction {
-        let (policy, room) = (&self.spec.policy, self.room_of(&ask.session_policy));
+        let (policy, room) = (&self.spec.policy, self.wishes(&ask.session_policy).room());
         let (Some(terms), Some(account)) = (Terms::of(policy), self.visits.account(&ask.client_id)) else {
             let own = ask.session_policy.abort_above.or(policy.abort_above);
             let factor = own.or(ask.can_abort.then_some(ABORT_ABOVE_STOPPABLE));
