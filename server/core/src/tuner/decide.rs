@@ -1,22 +1,17 @@
-//! The decision to explore or to exploit, and the choice of the exploited configuration.
+//! The decision to explore or to exploit.
 
 use rand::RngExt;
 
 use crate::configuration::Configuration;
-use crate::decision::{Choice, ExploitRule, ExploitSource, ExplorationEstimate, ExploreRule, Predicted};
+use crate::decision::{Choice, ExploitRule, ExploitSource, ExplorationEstimate, ExploreRule};
 use crate::fnv;
 use crate::ids::StateId;
 use crate::policy::{Operation, PredictorMethod};
-use crate::predict::{Answer, Estimate};
 use crate::randomness::{Purpose, stream};
-use crate::results::KnownState;
 use crate::search::Verdict;
 use crate::session::SessionPolicy;
-use crate::trial::Neighbour;
 use crate::tuner::plan::Planned;
 use crate::tuner::proposal::Exploitation;
-use crate::tuner::standings::Answered;
-use crate::tuner::transfer::Transfer;
 use crate::tuner::{Ask, Prediction, Prospect, Tuner, VisitDecision};
 
 /// A client that stays for this number of frames divided by epsilon explores without a draw, unless the
@@ -44,15 +39,6 @@ enum Course {
     Weighed(ExplorationEstimate),
     /// It exploits what is known: so the dice fell.
     Drawn(ExplorationEstimate),
-}
-
-/// A predictor's answer as an exploitation.
-fn by_predictor(answer: Answer, predictor: PredictorMethod) -> Exploitation {
-    let Answer { configuration, expected, neighbours } = answer;
-    let predicted_cost = Some(expected.cost);
-    let expected = (expected.cost, expected.deviation);
-    let source = ExploitSource::Predictor(Predicted { predictor, expected, neighbours });
-    Exploitation { configuration, predicted_cost, source, rolled_back: false }
 }
 
 impl Tuner {
@@ -274,152 +260,5 @@ impl Tuner {
     pub(super) fn default_runs(&self, state: StateId) -> bool {
         let settled = self.states.results(state).settled(self.spec.space.default_ref(), 1);
         settled != Some(Verdict::Infeasible)
-    }
-
-    /// The answer without a search.
-    ///
-    /// Where only measurements count it is a configuration that [was measured](Tuner::measured_answer). Where
-    /// a study is tuned, other machines' measurements of that input count for more until the state has its
-    /// own. A predictor may then name a configuration that was never run there, if it can almost surely be
-    /// run and is worth its risk. Once the state is explored to the end its own best stands.
-    ///
-    /// A configuration that does clearly worse here than another measured one gives way to that one.
-    pub(super) fn exploitation(
-        &self,
-        normalised: &[f64],
-        here: Option<StateId>,
-        ground: Ground,
-        planned: &Planned,
-    ) -> Exploitation {
-        let answer = self.expected_answer(normalised, here, ground, planned);
-        if self.spec.policy.roll_back
-            && let Some(state) = here
-            && self.gain().does_clearly_worse(state, &answer.configuration)
-            && let Some(best) = self.best_known(state, None, planned)
-            && best.configuration != answer.configuration
-        {
-            return Exploitation { rolled_back: true, ..best };
-        }
-        answer
-    }
-
-    fn expected_answer(
-        &self,
-        normalised: &[f64],
-        here: Option<StateId>,
-        ground: Ground,
-        planned: &Planned,
-    ) -> Exploitation {
-        let transfer = self.transfer();
-        if ground == Ground::Measured || !transfer.needs_predictor(here) {
-            let by_machines = here.filter(|_| ground == Ground::Predicted);
-            let by_machines = by_machines.filter(|&state| !self.standings().is_finished(state));
-            let by_machines = by_machines.and_then(|state| transfer.best_by_machines(state));
-            return by_machines.unwrap_or_else(|| self.measured_answer(normalised, here, planned));
-        }
-        let measured = self.measured_answer(normalised, here, planned);
-        match transfer.answer(normalised, here, planned, &measured.configuration) {
-            Some((answer, predictor)) => by_predictor(answer, predictor),
-            None => measured,
-        }
-    }
-
-    /// The answer where only measurements count: the best of the state itself, as far as it is proven. Where
-    /// nothing measured there can be run, it is the best that other machines measured repeatedly for that
-    /// input. Else it is the incumbent or confirmed winner that serves other states best, or that of the
-    /// nearest state where the policy names that predictor. Else it is the default.
-    pub(super) fn measured_answer(
-        &self,
-        normalised: &[f64],
-        here: Option<StateId>,
-        planned: &Planned,
-    ) -> Exploitation {
-        self.measured_answer_by(self.transfer(), normalised, here, planned)
-    }
-
-    /// [`Tuner::measured_answer`] by this transfer from other states.
-    pub(super) fn measured_answer_by<'a>(
-        &'a self,
-        transfer: Transfer<'a>,
-        normalised: &'a [f64],
-        here: Option<StateId>,
-        planned: &Planned,
-    ) -> Exploitation {
-        if let Some(best) = here.and_then(|state| self.best_known(state, None, planned)) {
-            return best;
-        }
-        let by_machines = here.and_then(|state| transfer.best_by_machines(state));
-        if let Some(best) = by_machines.filter(|best| self.is_repeated(&best.source)) {
-            return best;
-        }
-        if self.spec.policy.predictor == PredictorMethod::NearestNeighbour
-            && let Some(answer) = transfer.nearest(normalised, here)
-        {
-            let predictor = PredictorMethod::NearestNeighbour;
-            return by_predictor(self.proven(answer, here, planned), predictor);
-        }
-        if let Some((configuration, source)) = transfer.best_elsewhere(normalised, here, planned) {
-            return Exploitation { configuration, predicted_cost: None, source, rolled_back: false };
-        }
-        Exploitation {
-            configuration: self.spec.space.default_configuration(),
-            predicted_cost: here.and_then(|state| self.states.default_cost(state)),
-            source: ExploitSource::Default,
-            rolled_back: false,
-        }
-    }
-
-    /// Whether other machines' answer rests on more than one lucky measurement. Always, if the policy
-    /// confirms nothing.
-    fn is_repeated(&self, source: &ExploitSource) -> bool {
-        let is_single = matches!(source, ExploitSource::Machines(by) if by.measurements < 2);
-        self.spec.policy.confirm_rounds == 0 || !is_single
-    }
-
-    /// The nearest neighbour names the luckiest configuration of the nearest state. The answer is the
-    /// configuration that is proven there.
-    fn proven(&self, answer: Answer, here: Option<StateId>, planned: &Planned) -> Answer {
-        let Some(state) = answer.neighbours.first().map(|nearest| StateId(nearest.state_id)) else {
-            return answer;
-        };
-        let (Some(answered), Some(luckiest)) =
-            (self.standings().answered(state, None, planned), self.states.results(state).best())
-        else {
-            return answer;
-        };
-        let cannot_run = |here| self.states.results(here).fails(&answered.configuration);
-        if here.is_some_and(cannot_run) || answer.configuration != luckiest.configuration {
-            return answer;
-        }
-        // The factor between the two machines, if there are two, stays in the answer.
-        let ratio = if luckiest.mean_cost > 0.0 { answered.cost / luckiest.mean_cost } else { 1.0 };
-        let Estimate { cost, deviation } = answer.expected;
-        let expected = Estimate::new((cost * ratio).min(f64::MAX), deviation);
-        Answer { configuration: answered.configuration, expected, ..answer }
-    }
-
-    /// The answer of a state's own measurements: its proven best configuration, or the incumbent. Beside a
-    /// `start` that ran there it is what is better than that, or the start.
-    pub(super) fn best_known(
-        &self,
-        state: StateId,
-        start: Option<&Configuration>,
-        planned: &Planned,
-    ) -> Option<Exploitation> {
-        let KnownState { id, results, .. } = &self.states[state];
-        let Answered { configuration, cost, gain, nothing_better, gain_at_most, .. } =
-            self.standings().answered(state, start, planned)?;
-        let (tried, measurements) =
-            (results.tried() as u64, results.record(&configuration).map_or(0, |record| record.measurements));
-        let is_maximised = self.spec.objective.view().is_maximised();
-        let beside_start = self.measured_start(state, start).is_some();
-        let source = match nothing_better {
-            true => ExploitSource::Incumbent { tried, gain_at_most, is_maximised, beside_start },
-            false => {
-                let state = Neighbour { state_id: id.get(), distance: 0.0, best_cost: cost };
-                ExploitSource::BestKnown { tried, measurements, state, gain, is_maximised, beside_start }
-            }
-        };
-        Some(Exploitation { configuration, predicted_cost: Some(cost), source, rolled_back: false })
     }
 }

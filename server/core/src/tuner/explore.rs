@@ -135,7 +135,8 @@ impl Tuner {
             }
         }
         let best = self.best_known(state, None, planned);
-        let instead = best.unwrap_or_else(|| self.measured_answer(normalised, Some(state), planned));
+        let instead =
+            best.unwrap_or_else(|| self.exploiting().measured_answer(normalised, Some(state), planned));
         let instead = self.beside_start(instead, self.start_of(ask).as_ref(), Some(state), planned);
         Explored::Nothing { instead, rule }
     }

@@ -11,7 +11,8 @@
 //! [`Tuner`] joins parts that keep their own invariants: `states` (recognition, and the table of each state),
 //! `trials` (the open ones and their holders), `visits` (the clients' states and budgets), `searches`,
 //! `models`, `history`, `assessment`s, `speeds` and `auxiliaries`. Each step has its file:
-//! `decide` and `gain` take decisions, `start` lets a client begin with its own default, `explore` and
+//! `decide` and `gain` take decisions by what a `session` wishes, `exploiting` chooses what is exploited by the
+//! `standings` of a state's own measurements, `start` lets a client begin with its own default, `explore` and
 //! `within_budget` walk a search, `confirmation` runs its best against the incumbent, `transfer` brings in
 //! the results of other states and machines (`warm_start` and `portfolio` make the beginning of a search from
 //! them), `planning` copies the inputs of slow computations and `plan` computes them apart, `suggest` and
@@ -25,6 +26,7 @@ mod checkpoint;
 mod checks;
 mod confirmation;
 mod decide;
+mod exploiting;
 mod exploration;
 mod explore;
 mod few;

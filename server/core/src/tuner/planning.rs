@@ -16,6 +16,7 @@ use crate::trial::Fingerprint;
 use crate::tuner::assessment::AssessmentRequest;
 use crate::tuner::budget::Terms;
 use crate::tuner::decide::Ground;
+use crate::tuner::exploiting::Exploiting;
 use crate::tuner::explore::is_spent;
 use crate::tuner::plan::{PlanRequest, Planned};
 use crate::tuner::transfer::Transfer;
@@ -71,8 +72,8 @@ impl Tuner {
             if ground == Ground::Measured || !transfer.needs_predictor(here) {
                 return None;
             }
-            let ahead = Planned::Ahead(Box::default());
-            let measured = self.measured_answer_by(transfer, normalised, here, &ahead);
+            let exploiting = Exploiting { transfer, ..self.exploiting() };
+            let measured = exploiting.measured_answer(normalised, here, &Planned::Ahead(Box::default()));
             predictors.request(predictor, &Query { rival: Some(&measured.configuration), ..query() })
         };
         let first = || predictors.proposal(predictor, &query(), self.trials.last().0 + 1);
@@ -155,7 +156,7 @@ impl Tuner {
         if self.spec.policy.pinned.is_some() {
             return None;
         }
-        let measured = self.measured_answer(&normalised, here, &Planned::Ahead(Box::default()));
+        let measured = self.exploiting().measured_answer(&normalised, here, &Planned::Ahead(Box::default()));
         let query = self.states.query(&self.spec.space, &normalised, here);
         let query = Query { rival: Some(&measured.configuration), ..query };
         let predicts = self.wishes(&SessionPolicy::default()).ground() == Ground::Predicted;

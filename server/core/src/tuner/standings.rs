@@ -50,7 +50,11 @@ impl<'a> Standings<'a> {
     }
 
     /// A start, if it ran in a state.
-    fn measured<'s>(&self, state: StateId, start: Option<&'s Configuration>) -> Option<&'s Configuration> {
+    pub(super) fn measured<'s>(
+        &self,
+        state: StateId,
+        start: Option<&'s Configuration>,
+    ) -> Option<&'s Configuration> {
         start.filter(|start| self.states.results(state).ran(start).is_some())
     }
 

@@ -9,8 +9,11 @@ use crate::predict::prequential::ErrorInterval;
 use crate::session::SessionPolicy;
 use crate::trial::{Fingerprint, Trial};
 use crate::tuner::confirmation::Racing;
+use crate::tuner::decide::Ground;
+use crate::tuner::exploiting::Exploiting;
 use crate::tuner::gain::GainEvidence;
 use crate::tuner::plan::Planned;
+use crate::tuner::proposal::Exploitation;
 use crate::tuner::session::Wishes;
 use crate::tuner::standings::Standings;
 use crate::tuner::transfer::Transfer;
@@ -113,6 +116,31 @@ impl Tuner {
     pub(super) fn racing(&mut self) -> Racing<'_> {
         let Tuner { spec, states, searches, assessments, .. } = self;
         Racing { spec, states, searches, assessments }
+    }
+
+    pub(super) fn exploiting(&self) -> Exploiting<'_> {
+        Exploiting { standings: self.standings(), gain: self.gain(), transfer: self.transfer() }
+    }
+
+    /// [`Exploiting::exploitation`].
+    pub(super) fn exploitation(
+        &self,
+        normalised: &[f64],
+        here: Option<StateId>,
+        ground: Ground,
+        planned: &Planned,
+    ) -> Exploitation {
+        self.exploiting().exploitation(normalised, here, ground, planned)
+    }
+
+    /// [`Exploiting::best_known`].
+    pub(super) fn best_known(
+        &self,
+        state: StateId,
+        start: Option<&Configuration>,
+        planned: &Planned,
+    ) -> Option<Exploitation> {
+        self.exploiting().best_known(state, start, planned)
     }
 
     pub(super) fn wishes<'a>(&'a self, session: &'a SessionPolicy) -> Wishes<'a> {
