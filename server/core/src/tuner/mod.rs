@@ -10,13 +10,13 @@
 //!
 //! [`Tuner`] joins parts that keep their own invariants: `states` (recognition, and the table of each state),
 //! `trials` (the open ones and their holders), `visits` (the clients' states and budgets), `searches`,
-//! `models`, `history`, `assessment`s, `speeds` and `auxiliaries`. Each step has its file:
-//! `decide` and `gain` take decisions by what a `session` wishes, `exploiting` chooses what is exploited by the
-//! `standings` of a state's own measurements, `start` lets a client begin with its own default, `explore` and
-//! `within_budget` walk a search, `confirmation` runs its best against the incumbent, `transfer` brings in
-//! the results of other states and machines (`warm_start` and `portfolio` make the beginning of a search from
-//! them), `planning` copies the inputs of slow computations and `plan` computes them apart, `suggest` and
-//! `report` are the two halves of a client's frame, `leases` ends trials that never come back, `restore` and
+//! `models`, `history`, `assessment`s, `speeds` and `auxiliaries`. Each step has its file: `decide` and `gain`
+//! take decisions by what a `session` wishes, `exploiting` chooses what is exploited by the `standings` of a
+//! state's own measurements, `start` lets a client begin with its own default, `explore` and `within_budget`
+//! walk a search, `confirmation` runs its best against the incumbent, `transfer` brings in the results of
+//! other states and machines (`warm_start` and `portfolio` make the beginning of a search from them),
+//! `planning` copies the inputs of slow computations and `plan` computes them apart, `suggest` and `report`
+//! are the two halves of a client's frame, `leases` ends trials that never come back, `restore` and
 //! `checkpoint` rebuild.
 
 mod assessment;

@@ -4,11 +4,11 @@
 //! receives the results of other states. The contextual predictor fits a process to measurements near by.
 //! Many clients that share a tuner must not wait for that. So the holder of the tuner makes a [`PlanRequest`]
 //! of a question (the [`DecisionStep`] that needs it), lets go of the tuner, [computes](PlanRequest::compute)
-//! it, and hands the [`SuggestionPlan`] in with the question. A question with a plan never fits a model. Its plan may lack a needed result,
-//! because another client changed the state or plans for its search. The question then gets the search's
-//! reserve, or an answer from the tables, because a client never waits. A client that is alone gets equal
-//! answers either way. Only the evidence of other states for a search that begins is computed at once where
-//! no plan holds it, once for a state.
+//! it, and hands the [`SuggestionPlan`] in with the question. A question with a plan never fits a model. Its
+//! plan may lack a needed result, because another client changed the state or plans for its search. The
+//! question then gets the search's reserve, or an answer from the tables, because a client never waits. A
+//! client that is alone gets equal answers either way. Only the evidence of other states for a search that
+//! begins is computed at once where no plan holds it, once for a state.
 
 use std::sync::Arc;
 
