@@ -13,11 +13,11 @@
 //! `models`, `history`, `assessment`s, `speeds` and `auxiliaries`. Each step has its file: `decide` and `gain`
 //! take decisions by what a `session` wishes, `exploiting` chooses what is exploited by the `standings` of a
 //! state's own measurements, `start` lets a client begin with its own default, `explore` and `within_budget`
-//! walk a search, `confirmation` runs its best against the incumbent, `transfer` brings in the results of
-//! other states and machines (`warm_start` and `portfolio` make the beginning of a search from them),
-//! `planning` copies the inputs of slow computations and `plan` computes them apart, `suggest` and `report`
-//! are the two halves of a client's frame, `leases` ends trials that never come back, `restore` and
-//! `checkpoint` rebuild.
+//! `walk` a search (`repeats` are what it measures again), `confirmation` runs its best against the
+//! incumbent, `transfer` brings in the results of other states and machines (`warm_start` and `portfolio`
+//! make the beginning of a search from them), `planning` copies the inputs of slow computations and `plan`
+//! computes them apart, `suggest` and `report` are the two halves of a client's frame, `leases` ends trials
+//! that never come back, `restore` and `checkpoint` rebuild.
 
 mod assessment;
 mod auxiliaries;
@@ -43,6 +43,7 @@ mod proposal;
 mod race;
 mod rechecks;
 mod recorded;
+mod repeats;
 mod report;
 mod restore;
 mod searches;
@@ -57,6 +58,7 @@ mod trials;
 mod types;
 mod views;
 mod visits;
+mod walk;
 mod warm_start;
 mod within_budget;
 

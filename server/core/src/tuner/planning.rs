@@ -17,8 +17,8 @@ use crate::tuner::assessment::AssessmentRequest;
 use crate::tuner::budget::Terms;
 use crate::tuner::decide::Ground;
 use crate::tuner::exploiting::Exploiting;
-use crate::tuner::explore::is_spent;
 use crate::tuner::plan::{PlanRequest, Planned};
+use crate::tuner::searches::is_spent;
 use crate::tuner::transfer::Transfer;
 use crate::tuner::{Ask, Question, Tuner, VisitDecision};
 

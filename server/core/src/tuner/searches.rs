@@ -28,6 +28,16 @@ pub(super) fn taken(exploration: Option<&Exploration>, results: &ResultTable, re
     (results.runs() / replicates.max(1) as usize).max(results.searched() + repeats) + cheaper
 }
 
+/// Whether a search with a budget of `room` trials has none left that adds a configuration.
+pub(super) fn is_spent(
+    exploration: &Exploration,
+    results: &ResultTable,
+    policy: &Policy,
+    room: usize,
+) -> bool {
+    taken(Some(exploration), results, policy.replicates) + exploration.open.len() >= room
+}
+
 #[derive(Clone, Debug, Default)]
 struct StateSearch {
     exploration: Option<Exploration>,

@@ -12,7 +12,7 @@ use crate::study::StudySpec;
 use crate::tuner::assessment::{Assessment, AssessmentRequest, Assessments};
 use crate::tuner::plan::Planned;
 use crate::tuner::race::Confirming;
-use crate::tuner::searches::Searches;
+use crate::tuner::searches::{Searches, is_spent};
 use crate::tuner::states::States;
 
 /// The answer of a state's own measurements.
@@ -66,6 +66,12 @@ impl<'a> Standings<'a> {
     /// Whether nothing is left to be searched in a state, within a budget of `room` trials.
     pub(super) fn is_spent_within(&self, room: usize, state: StateId) -> bool {
         self.searches.are_spent(state, self.states.results(state), &self.spec.policy, room)
+    }
+
+    /// Whether a state's search has ended within `room` trials, and none of its trials is open.
+    pub(super) fn is_over(&self, room: usize, state: StateId) -> bool {
+        let (own, results) = (self.searches.of(state), self.states.results(state));
+        own.is_some_and(|own| own.open.is_empty() && is_spent(own, results, &self.spec.policy, room))
     }
 
     /// The configuration that challengers are measured against in a state.

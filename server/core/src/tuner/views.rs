@@ -14,9 +14,11 @@ use crate::tuner::exploiting::Exploiting;
 use crate::tuner::gain::GainEvidence;
 use crate::tuner::plan::Planned;
 use crate::tuner::proposal::Exploitation;
+use crate::tuner::repeats::Repeats;
 use crate::tuner::session::Wishes;
 use crate::tuner::standings::Standings;
 use crate::tuner::transfer::Transfer;
+use crate::tuner::walk::Walk;
 use crate::tuner::{Ask, Best, Prediction, Question, StateRecord, StudyCounts, Tuner, TunerError, checks};
 
 impl Tuner {
@@ -116,6 +118,16 @@ impl Tuner {
     pub(super) fn racing(&mut self) -> Racing<'_> {
         let Tuner { spec, states, searches, assessments, .. } = self;
         Racing { spec, states, searches, assessments }
+    }
+
+    pub(super) fn repeats(&self) -> Repeats<'_> {
+        let Tuner { speeds, rechecks, auxiliaries, .. } = self;
+        Repeats { standings: self.standings(), transfer: self.transfer(), speeds, rechecks, auxiliaries }
+    }
+
+    pub(super) fn walk(&mut self) -> Walk<'_> {
+        let Tuner { spec, states, searches, trials, models, .. } = self;
+        Walk { spec, states, searches, trials, models }
     }
 
     pub(super) fn exploiting(&self) -> Exploiting<'_> {

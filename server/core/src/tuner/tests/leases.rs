@@ -344,7 +344,7 @@ fn a_search_that_has_spent_its_budget_on_repeats_is_finished() {
         finish(&mut tuner, &trial, Outcome::Ok);
         let own = tuner.searches.of(StateId(1)).expect("explored");
         let spent =
-            crate::tuner::explore::is_spent(own, tuner.states.results(StateId(1)), &tuner.spec().policy, 30);
+            crate::tuner::searches::is_spent(own, tuner.states.results(StateId(1)), &tuner.spec().policy, 30);
         assert_eq!(tuner.standings().is_finished(StateId(1)), spent);
     }
     assert!(tuner.standings().is_finished(StateId(1)));
