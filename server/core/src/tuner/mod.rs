@@ -16,8 +16,9 @@
 //! `walk` a search (`repeats` are what it measures again), `confirmation` runs its best against the
 //! incumbent, `transfer` brings in the results of other states and machines (`warm_start` and `portfolio`
 //! make the beginning of a search from them), `planning` copies the inputs of slow computations and `plan`
-//! computes them apart, `suggest` and `report` are the two halves of a client's frame, `leases` ends trials
-//! that never come back, `restore` and `checkpoint` rebuild.
+//! computes them apart, `suggest` and `report` are the two halves of a client's frame, `learning` is what the
+//! tables and models make of a report and `telling` passes it on to its search, `leases` ends trials that
+//! never come back, `restore` and `checkpoint` rebuild.
 
 mod assessment;
 mod auxiliaries;
@@ -33,6 +34,7 @@ mod few;
 mod gain;
 mod history;
 mod insight;
+mod learning;
 mod leases;
 mod models;
 mod plan;
@@ -53,6 +55,7 @@ mod standings;
 mod start;
 mod states;
 mod suggest;
+mod telling;
 mod transfer;
 mod trials;
 mod types;

@@ -113,7 +113,7 @@ impl Restoring {
             if let Some(trial) = trial
                 && let Ok(normalised) = self.tuner.spec.indicators.normalise(&trial.indicators)
             {
-                self.tuner.teach(trial, &normalised);
+                self.tuner.learning().teach(trial, &normalised);
             }
             self.tuner.models.catch_up(&self.tuner.spec.space);
         } else if let Some(trial) = trial {

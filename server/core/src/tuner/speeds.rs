@@ -15,6 +15,7 @@ use serde::{Deserialize, Serialize};
 use crate::configuration::Configuration;
 use crate::ids::StateId;
 use crate::limits::{SPEEDS_MAX, UNHELD_MAX};
+use crate::policy::Policy;
 use crate::results::{NOISE_PRIOR, ResultTable};
 use crate::statistics::drift::Speed;
 use crate::tuner::race::Stored;
@@ -187,6 +188,11 @@ impl Speeds {
         };
         let is_unsettled = client.speed.is_suspicious() || client.settling > 0;
         is_unsettled && !hurried || client.since >= interval
+    }
+
+    /// The factor on all costs of a client at the moment, where the policy follows the speed of machines.
+    pub(super) fn pace_of(&self, policy: &Policy, client_id: &str) -> f64 {
+        if policy.track_speed { self.factor(client_id) } else { 1.0 }
     }
 
     /// The factor on a client's costs at the moment.

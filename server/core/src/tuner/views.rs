@@ -12,11 +12,13 @@ use crate::tuner::confirmation::Racing;
 use crate::tuner::decide::Ground;
 use crate::tuner::exploiting::Exploiting;
 use crate::tuner::gain::GainEvidence;
+use crate::tuner::learning::Learning;
 use crate::tuner::plan::Planned;
 use crate::tuner::proposal::Exploitation;
 use crate::tuner::repeats::Repeats;
 use crate::tuner::session::Wishes;
 use crate::tuner::standings::Standings;
+use crate::tuner::telling::Telling;
 use crate::tuner::transfer::Transfer;
 use crate::tuner::walk::Walk;
 use crate::tuner::{Ask, Best, Prediction, Question, StateRecord, StudyCounts, Tuner, TunerError, checks};
@@ -128,6 +130,16 @@ impl Tuner {
     pub(super) fn walk(&mut self) -> Walk<'_> {
         let Tuner { spec, states, searches, trials, models, .. } = self;
         Walk { spec, states, searches, trials, models }
+    }
+
+    pub(super) fn learning(&mut self) -> Learning<'_> {
+        let Tuner { spec, states, history, speeds, rechecks, auxiliaries, models, searches, .. } = self;
+        Learning { spec, states, history, speeds, rechecks, auxiliaries, models, searches }
+    }
+
+    pub(super) fn telling(&mut self) -> Telling<'_> {
+        let Tuner { spec, states, searches, assessments, speeds, .. } = self;
+        Telling { spec, states, searches, assessments, speeds }
     }
 
     pub(super) fn exploiting(&self) -> Exploiting<'_> {

@@ -35,7 +35,7 @@ impl Tuner {
         let (Some(terms), Some(account)) = (Terms::of(policy), self.visits.account(&ask.client_id)) else {
             let own = ask.session_policy.abort_above.or(policy.abort_above);
             let factor = own.or(ask.can_abort.then_some(ABORT_ABOVE_STOPPABLE));
-            let pace = self.pace_of(&ask.client_id);
+            let pace = self.speeds.pace_of(policy, &ask.client_id);
             let reference = reference(self.states.results(state));
             let cap = factor.zip(reference.map(|cost| (cost * pace).min(f64::MAX)));
             let explored = self.explore((ask, room), state, number, normalised, planned);
