@@ -8,7 +8,6 @@ use crate::fnv;
 use crate::ids::StateId;
 use crate::policy::{Operation, PredictorMethod};
 use crate::randomness::{Purpose, stream};
-use crate::search::Verdict;
 use crate::session::SessionPolicy;
 use crate::tuner::plan::Planned;
 use crate::tuner::proposal::Exploitation;
@@ -254,11 +253,5 @@ impl Tuner {
         let client = fnv::hash(ask.client_id.bytes());
         let draw: f64 = stream(self.spec.seed, Purpose::Decision, client, throw).random();
         draw < epsilon
-    }
-
-    /// Whether the default can be run in a state, as far as is known.
-    pub(super) fn default_runs(&self, state: StateId) -> bool {
-        let settled = self.states.results(state).settled(self.spec.space.default_ref(), 1);
-        settled != Some(Verdict::Infeasible)
     }
 }

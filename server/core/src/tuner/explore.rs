@@ -64,7 +64,7 @@ impl Tuner {
         let next = match is_exhausted {
             true => NextPoint::Wait,
             false => {
-                let shares = self.open_levels(ask, room);
+                let shares = self.wishes(&ask.session_policy).open_levels(ask.fidelities);
                 self.walk().next_point((room, shares.as_slice()), state, planned)
             }
         };

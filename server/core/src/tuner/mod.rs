@@ -384,7 +384,7 @@ impl Tuner {
             return Ok(DecisionStep::Need(Box::new(request)));
         }
         let mut planned = Planned::Ahead(Box::new(plan.unwrap_or_default()));
-        self.keep_planned(&mut planned);
+        planned.keep_in(&mut self.assessments);
         let start = self.checked_start(start)?;
         self.prediction(indicators, fingerprint, start.as_ref(), &planned).map(DecisionStep::Done)
     }
@@ -411,7 +411,7 @@ impl Tuner {
         plan: SuggestionPlan,
     ) -> Result<Option<Best>, TunerError> {
         let mut planned = Planned::Ahead(Box::new(plan));
-        self.keep_planned(&mut planned);
+        planned.keep_in(&mut self.assessments);
         let start = self.checked_start(start)?;
         let state = self.best_state(indicators, fingerprint)?;
         Ok(state.and_then(|state| self.best_answer(state, start.as_ref(), &planned)))

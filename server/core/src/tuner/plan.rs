@@ -18,7 +18,7 @@ use crate::predict::contextual::FitRequest;
 use crate::predict::{Answer, FitTime};
 use crate::search::{AnySearch, PlannedPoint};
 use crate::study::StudySpec;
-use crate::tuner::assessment::{Assessment, AssessmentRequest};
+use crate::tuner::assessment::{Assessment, AssessmentRequest, Assessments};
 use crate::tuner::portfolio::MeasuredElsewhere;
 use crate::tuner::warm_start::WarmStart;
 
@@ -214,17 +214,14 @@ impl Planned {
         planned.map_or_else(begins, |(_, beginning)| beginning)
     }
 
-    pub(super) fn take_assessment(&mut self) -> Option<(StateId, Arc<Assessment>)> {
-        let Planned::Ahead(plan) = self else { return None };
-        let taken = plan.assessment.take();
-        plan.assessed = taken.as_ref().map(|(state, _)| *state);
-        taken
-    }
-
-    /// The assessment of a state beside the client's start.
-    pub(super) fn take_beside_start(&mut self) -> Option<(StateId, Arc<Assessment>)> {
-        let Planned::Ahead(plan) = self else { return None };
-        plan.beside_start.take()
+    /// Keeps the planned assessments.
+    pub(super) fn keep_in(&mut self, assessments: &mut Assessments) {
+        let Planned::Ahead(plan) = self else { return };
+        let assessed = plan.assessment.take();
+        plan.assessed = assessed.as_ref().map(|(state, _)| *state);
+        for (state, assessment) in [assessed, plan.beside_start.take()].into_iter().flatten() {
+            assessments.keep(state, assessment);
+        }
     }
 
     /// Whether an assessment of a state was made for this question. The state's table may have changed since.

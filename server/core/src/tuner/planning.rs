@@ -4,7 +4,7 @@
 use std::borrow::Cow;
 use std::collections::BTreeMap;
 
-use crate::configuration::{Configuration, RawConfiguration};
+use crate::configuration::RawConfiguration;
 use crate::ids::StateId;
 use crate::limits::POINTS_IN_RESERVE_MAX;
 use crate::policy::Operation;
@@ -13,12 +13,12 @@ use crate::predict::{ComputedUpdates, DeferredUpdates, Predictor, Query};
 use crate::search::AnySearch;
 use crate::session::SessionPolicy;
 use crate::trial::Fingerprint;
-use crate::tuner::assessment::AssessmentRequest;
 use crate::tuner::budget::Terms;
 use crate::tuner::decide::Ground;
 use crate::tuner::exploiting::Exploiting;
 use crate::tuner::plan::{PlanRequest, Planned};
 use crate::tuner::searches::is_spent;
+use crate::tuner::states::States;
 use crate::tuner::transfer::Transfer;
 use crate::tuner::{Ask, Question, Tuner, VisitDecision};
 
@@ -98,9 +98,11 @@ impl Tuner {
         let ends = |here: &StateId| {
             self.wishes(&ask.session_policy).is_spent(*here) && self.standings().is_to_be_confirmed(*here)
         };
-        let answers = if explores { here.filter(ends) } else { self.state_that_answers(&query(), here) };
+        let answers =
+            if explores { here.filter(ends) } else { state_that_answers(&self.states, &query(), here) };
         request.assessment = answers.and_then(|state| self.standings().assessment_to_plan(state, None));
-        request.beside_start = self.start_to_plan(self.start_of(ask), answers.filter(|_| answers == here));
+        request.beside_start =
+            self.standings().start_to_plan(self.start_of(ask), answers.filter(|_| answers == here));
         let tunes = policy.operation == Operation::Tune;
         // The start that such a client holds is taken back before it is answered.
         let held = here.and_then(|here| self.trials.of_client(&ask.client_id, here));
@@ -164,10 +166,10 @@ impl Tuner {
         let predictors = &self.models.predictors;
         let portfolio = self.transfer().evidence_elsewhere(&normalised, here);
         let answer = asks.then(|| predictors.request(self.spec.policy.predictor, &query)).flatten();
-        let answers = self.state_that_answers(&query, here);
+        let answers = state_that_answers(&self.states, &query, here);
         let assessment = answers.and_then(|state| self.standings().assessment_to_plan(state, None));
         let start = self.checked_start(start).ok()?;
-        let beside_start = self.start_to_plan(start, answers.filter(|_| answers == here));
+        let beside_start = self.standings().start_to_plan(start, answers.filter(|_| answers == here));
         let rival_of = here.filter(|&here| !self.standings().is_settled(here));
         let nothing = PlanRequest::nothing(&self.spec);
         let request =
@@ -184,31 +186,9 @@ impl Tuner {
     ) -> Option<PlanRequest> {
         let state = self.best_state(indicators, fingerprint).ok()??;
         let assessment = self.standings().assessment_to_plan(state, None);
-        let beside_start = self.start_to_plan(self.checked_start(start).ok()?, Some(state));
+        let beside_start = self.standings().start_to_plan(self.checked_start(start).ok()?, Some(state));
         let request = PlanRequest { assessment, beside_start, ..PlanRequest::nothing(&self.spec) };
         (!request.is_empty()).then_some(request)
-    }
-
-    /// The assessment of a state beside a client's start, where that ran there.
-    fn start_to_plan(
-        &self,
-        start: Option<Configuration>,
-        state: Option<StateId>,
-    ) -> Option<AssessmentRequest> {
-        let (start, state) = (start?, state?);
-        self.measured_start(state, Some(&start))?;
-        self.standings().assessment_to_plan(state, Some(&start))
-    }
-
-    /// The state whose own measurements answer a question, as far as is known before it is answered: its own
-    /// state where anything was measured there, else the nearest.
-    fn state_that_answers(&self, query: &Query<'_>, here: Option<StateId>) -> Option<StateId> {
-        let answers_itself = |state: &StateId| self.states.results(*state).best().is_some();
-        let nearest = || {
-            let answer = Nearest.predict(query)?;
-            answer.neighbours.first().map(|nearest| StateId(nearest.state_id))
-        };
-        here.filter(answers_itself).or_else(nearest)
     }
 
     /// Whether the client holds a trial of the state that it will get again.
@@ -225,7 +205,7 @@ impl Tuner {
         let room = self.wishes(&ask.session_policy).room();
         let mut search = Cow::Borrowed(exploration.search.as_ref()?);
         if !self.spec.objective.fidelities().is_empty() {
-            search.to_mut().open_levels(&self.open_levels(ask, room));
+            search.to_mut().open_levels(&self.wishes(&ask.session_policy).open_levels(ask.fidelities));
         }
         let goes_on = search.is_of(policy.search)
             && !search.is_ready()
@@ -243,6 +223,17 @@ impl Tuner {
     fn affords(&self, ask: &Ask, state: StateId) -> bool {
         let account = self.visits.account(&ask.client_id);
         let Some((terms, account)) = Terms::of(&self.spec.policy).zip(account) else { return true };
-        account.leave(terms, ask.can_abort, self.default_runs(state)).is_ok()
+        account.leave(terms, ask.can_abort, self.standings().default_runs(state)).is_ok()
     }
+}
+
+/// The state whose own measurements answer a question, as far as is known before it is answered: its own
+/// state where anything was measured there, else the nearest.
+fn state_that_answers(states: &States, query: &Query<'_>, here: Option<StateId>) -> Option<StateId> {
+    let answers_itself = |state: &StateId| states.results(*state).best().is_some();
+    let nearest = || {
+        let answer = Nearest.predict(query)?;
+        answer.neighbours.first().map(|nearest| StateId(nearest.state_id))
+    };
+    here.filter(answers_itself).or_else(nearest)
 }

@@ -1,6 +1,6 @@
 //! A session's own policy takes the place of the study's here, and nowhere else.
 
-use crate::ids::StateId;
+use crate::ids::{StateId, TrialNumber};
 use crate::policy::{Operation, Policy};
 use crate::session::SessionPolicy;
 use crate::tuner::decide::Ground;
@@ -51,6 +51,32 @@ impl Wishes<'_> {
     /// Whether a state's search has spent its number of trials, confirmed or not.
     pub(super) fn is_spent(&self, state: StateId) -> bool {
         self.standings.is_spent_within(self.room(), state)
+    }
+
+    /// The costs of the cheaper levels at which its client runs trials, as shares of a full one, if it runs
+    /// any. With a budget of regret there are none, nor where the search tries every configuration.
+    pub(super) fn open_levels(&self, runs_any: bool) -> Vec<f64> {
+        let room = self.room();
+        let is_open = runs_any
+            && self.policy().regret_budget.is_none()
+            && self.standings.searches.few().count().is_none_or(|count| count > room);
+        let levels = self.standings.spec.objective.fidelities().iter().filter(|_| is_open);
+        levels.map(|level| level.cost).collect()
+    }
+
+    /// The name of the cheaper level at which a trial measures the point of the state's search. `None` for in
+    /// full.
+    pub(super) fn cheaper_level(
+        &self,
+        runs_any: bool,
+        number: TrialNumber,
+        state: StateId,
+    ) -> Option<String> {
+        let own = self.standings.searches.of(state)?;
+        let level = own.search.as_ref()?.level_of(*own.open.get(&number.0)?)?;
+        let is_open = !self.open_levels(runs_any).is_empty();
+        let level = self.standings.spec.objective.fidelities().get(level as usize).filter(|_| is_open);
+        level.map(|level| level.name.clone())
     }
 
     /// The ground of its answers.

@@ -7,6 +7,7 @@ use crate::configuration::Configuration;
 use crate::ids::StateId;
 use crate::policy::Operation;
 use crate::results::Record;
+use crate::search::Verdict;
 use crate::standing::{Confirmation, ConfirmationStage, Gain, LIKELY, Standing};
 use crate::study::StudySpec;
 use crate::tuner::assessment::{Assessment, AssessmentRequest, Assessments};
@@ -56,6 +57,12 @@ impl<'a> Standings<'a> {
         start: Option<&'s Configuration>,
     ) -> Option<&'s Configuration> {
         start.filter(|start| self.states.results(state).ran(start).is_some())
+    }
+
+    /// Whether the default can be run in a state, as far as is known.
+    pub(super) fn default_runs(&self, state: StateId) -> bool {
+        let settled = self.states.results(state).settled(self.spec.space.default_ref(), 1);
+        settled != Some(Verdict::Infeasible)
     }
 
     /// Whether the state's search has spent the policy's budget.
@@ -126,6 +133,17 @@ impl<'a> Standings<'a> {
         let request = self.assessment_request(state, start)?;
         let is_at_hand = request.is_quick() || made.is_some_and(|made| request.is_answered_by(made));
         (!is_at_hand).then_some(request)
+    }
+
+    /// The same request beside a client's start, where that ran in the state.
+    pub(super) fn start_to_plan(
+        &self,
+        start: Option<Configuration>,
+        state: Option<StateId>,
+    ) -> Option<AssessmentRequest> {
+        let (start, state) = (start?, state?);
+        self.measured(state, Some(&start))?;
+        self.assessment_to_plan(state, Some(&start))
     }
 
     /// The assessment of a state beside the default or a start that ran there, and whether it is up to date

@@ -9,7 +9,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use crate::decision::ExploitRule;
 use crate::ids::{StateId, TrialNumber};
-use crate::policy::Policy;
+use crate::policy::{Operation, Policy};
 use crate::session::SessionPolicy;
 use crate::tuner::{Account, Ask, Visit, VisitDecision};
 
@@ -149,6 +149,15 @@ impl Visits {
     /// Whether the last decision for a client was taken under another session policy.
     pub(super) fn has_other_wishes(&self, client_id: &str, session: &SessionPolicy) -> bool {
         self.account(client_id).map_or(SessionPolicy::default(), |account| account.policy) != *session
+    }
+
+    /// Counts the next trial in its session, and returns whether it is excluded from learning. A trial
+    /// carried over from elsewhere is not run, so it warms nothing up.
+    pub(super) fn is_silent(&mut self, ask: &Ask, policy: &Policy) -> bool {
+        let warm_up = u64::from(policy.warm_up);
+        let frozen = policy.operation == Operation::Freeze;
+        let before = self.account_mut(&ask.client_id).map(|account| account.count());
+        frozen || (ask.origin.is_none() && before.is_some_and(|before| before < warm_up))
     }
 
     /// Opens a client's account if the policy keeps one or its session has its own policy, and notes the
