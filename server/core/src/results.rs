@@ -26,7 +26,7 @@ use crate::space::Space;
 use crate::trial::{Mode, Outcome, Trial};
 use forgotten::Forgotten;
 pub use known::KnownState;
-pub(crate) use known::{NOISE_PRIOR, runs_start};
+pub(crate) use known::runs_start;
 
 /// A search of fewer configurations says little of a state.
 pub(crate) const SEARCHED_LEAST: usize = 6;

@@ -110,7 +110,7 @@ impl Query<'_> {
     }
 }
 
-/// Least ratio of the expected gain to the expected loss of an unmeasured answer.
+/// Least ratio of an answer's expected gain, over an incumbent or a measured rival, to its expected loss.
 pub(crate) const WORTH: f64 = 20.0;
 /// Least probability that such an answer can be run.
 pub(crate) const RUNS_LEAST: f64 = 0.99;

@@ -17,8 +17,11 @@ use crate::configuration::Configuration;
 use crate::gp::kernel::squared_distance;
 use crate::ids::StateId;
 use crate::limits::{ASSESSED_MAX, ASSESSED_SHARED_MAX, ASSESSMENTS_MAX};
+use crate::predict::WORTH;
 use crate::results::{Record, ResultTable};
-use crate::robust::{Evidence, REACH_AFTER, USUAL_COUNT, deviation, draw_in, median, reach_of, trusted};
+use crate::robust::{
+    Evidence, REACH_AFTER, SPREAD_LEAST, USUAL_COUNT, deviation, draw_in, median, reach_of, trusted,
+};
 use crate::search::Layout;
 use crate::space::Space;
 use crate::standing::Gain;
@@ -29,12 +32,8 @@ use crate::study::StudySpec;
 /// If the rounds of a confirmation leave a race open, a challenger wins that is better with this probability
 /// by all measurements.
 const PROBABLE: f64 = 0.95;
-/// Least ratio of an answer's expected gain over the incumbent to its expected loss.
-const WORTH: f64 = 20.0;
 /// Number of configurations with the lowest expected costs that are compared more closely.
 const LEADERS: usize = 8;
-/// The least standard deviation that is assumed for the logarithms of measurements.
-const SPREAD_LEAST: f64 = 0.005;
 /// Most degrees of freedom with which one configuration contributes to the usual noise.
 const FREEDOM_COUNTED: f64 = 3.0;
 /// Costs of zero have no logarithm: they count as this share of the least that is above zero.

@@ -9,14 +9,10 @@ use crate::tuner::Prospect;
 use crate::tuner::history::History;
 use crate::tuner::states::States;
 
-/// The noise that is assumed before anything was measured twice: of frames, a tenth.
-pub(super) const NOISE_PRIOR: f64 = 0.1;
-/// The least noise that is assumed: timers and clocks are not better.
-pub(super) const NOISE_LEAST: f64 = 0.01;
 /// Standard deviations by which a configuration must be dearer to be called clearly worse.
 const CLEARLY: f64 = 3.0;
 /// More measurements than this say nothing more about a configuration.
-const MEASUREMENTS_COUNTED: u64 = 16;
+pub(super) const MEASUREMENTS_COUNTED: u64 = 16;
 
 /// The evidence of the rules.
 #[derive(Clone, Copy, Debug)]
@@ -74,7 +70,7 @@ impl GainEvidence<'_> {
         if own.measurements < 2 || best.configuration == *configuration {
             return false;
         }
-        let noise = results.noise().unwrap_or(NOISE_PRIOR).max(NOISE_LEAST);
+        let noise = results.frame_noise();
         let part = |measurements: u64| 1.0 / measurements.clamp(1, MEASUREMENTS_COUNTED) as f64;
         let chance = CLEARLY * (part(own.measurements) + part(best.measurements)).sqrt();
         // The best of many equal configurations is lucky by about this number of standard deviations.

@@ -14,13 +14,11 @@ use crate::limits::{PORTFOLIO_CANDIDATES_MAX, REWARD_COST_MIN};
 use crate::results::{Record, ResultTable};
 use crate::space::Space;
 use crate::statistics::portfolio::{CostEntry, CostTable, MEMBERS};
-use crate::tuner::gain::{NOISE_LEAST, NOISE_PRIOR};
+use crate::tuner::gain::MEASUREMENTS_COUNTED;
 use crate::value::Value;
 
 /// Number of a state's best configurations that are candidates.
 const OF_A_STATE: usize = 3;
-/// Most measurements that make a cost more certain.
-const MEASUREMENTS_COUNTED: u64 = 16;
 /// Most members that only stand for a branch of the space.
 const BRANCHES_MAX: usize = 3;
 
@@ -100,7 +98,7 @@ impl Choices {
         assert!(candidates.len() <= PORTFOLIO_CANDIDATES_MAX, "{} candidates", candidates.len());
         let members = (0..answers).filter(|&place| !elsewhere.fails(&candidates[place])).collect();
         let row = |other: &OtherState| {
-            let noise = other.results.noise().unwrap_or(NOISE_PRIOR).max(NOISE_LEAST);
+            let noise = other.results.frame_noise();
             let reach = other.results.reach();
             candidates.iter().map(|candidate| known(&other.results, candidate, noise, reach)).collect()
         };

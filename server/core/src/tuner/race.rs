@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::configuration::{Configuration, unchecked};
 use crate::results::ResultTable;
+use crate::robust::NOISE_LEAST;
 use crate::space::Space;
 use crate::standing::Gain;
 use crate::statistics::confirm::{Race, RaceResult, rounds_needed};
@@ -16,8 +17,6 @@ const CHALLENGERS_MAX: usize = 4;
 /// Factor by which the noise is assumed to be larger than measured. A proof holds only if the noise is not
 /// larger still.
 const NOISE_MARGIN: f64 = 1.25;
-/// The least noise that is assumed: timers and clocks are not better.
-const NOISE_LEAST: f64 = 0.01;
 
 /// A configuration as it stands in a state's row.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

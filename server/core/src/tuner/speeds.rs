@@ -16,7 +16,8 @@ use crate::configuration::Configuration;
 use crate::ids::StateId;
 use crate::limits::{SPEEDS_MAX, UNHELD_MAX};
 use crate::policy::Policy;
-use crate::results::{NOISE_PRIOR, ResultTable};
+use crate::results::ResultTable;
+use crate::robust::NOISE_PRIOR;
 use crate::statistics::drift::Speed;
 use crate::tuner::race::Stored;
 

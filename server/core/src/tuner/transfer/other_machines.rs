@@ -18,7 +18,6 @@ use crate::ids::StateId;
 use crate::limits::{NEIGHBOURS_MAX, REWARD_COST_MIN};
 use crate::results::Record;
 use crate::trial::Neighbour;
-use crate::tuner::gain::{NOISE_LEAST, NOISE_PRIOR};
 use crate::tuner::proposal::{Exploitation, ProposedTrial};
 use crate::tuner::states::States;
 use crate::tuner::transfer::Transfer;
@@ -88,7 +87,7 @@ fn log(cost: f64) -> f64 {
 
 /// The variance of a measurement in a state, relative to its cost.
 fn noise_2(states: &States, state: StateId) -> f64 {
-    let noise = states.results(state).noise().unwrap_or(NOISE_PRIOR).max(NOISE_LEAST);
+    let noise = states.results(state).frame_noise();
     assert!(noise > 0.0, "a noise of {noise}");
     noise * noise
 }
