@@ -5,8 +5,9 @@ use std::borrow::Cow;
 use std::collections::BTreeMap;
 
 use crate::configuration::RawConfiguration;
-use crate::ids::StateId;
+use crate::ids::{MachineId, StateId};
 use crate::limits::POINTS_IN_RESERVE_MAX;
+use crate::machines::Machines;
 use crate::policy::Operation;
 use crate::predict::nearest::Nearest;
 use crate::predict::{ComputedUpdates, DeferredUpdates, Predictor, Query};
@@ -52,19 +53,9 @@ impl Tuner {
         if policy.pinned.is_some() {
             return None;
         }
-        let machines = &self.states.machines;
-        let found = machines.find(ask.fingerprint.as_ref());
-        // A machine that is new is known by the time of the question.
-        let grown = found.is_none().then(|| {
-            let mut machines = machines.clone();
-            let (machine, _) = machines.note_founder(ask.fingerprint.as_ref());
-            (machines, machine)
-        });
-        let (machines, machine) = match &grown {
-            Some((machines, machine)) => (machines, *machine),
-            None => (machines, found.unwrap_or_default()),
-        };
-        let transfer = Transfer { asking: Some((machines, machine)), ..self.transfer() };
+        let explores = self.foretold(ask, here)?;
+        let (machines, machine) = machines_of(&self.states.machines, ask.fingerprint.as_ref());
+        let transfer = Transfer { asking: Some((&machines, machine)), ..self.transfer() };
         let query = || transfer.query(normalised, here);
         let (predictor, predictors) = (policy.predictor, &self.models.predictors);
         let ground = self.wishes(&ask.session_policy).ground();
@@ -79,22 +70,6 @@ impl Tuner {
         let first = || predictors.proposal(predictor, &query(), self.trials.last().0 + 1);
         let rival_of = here.filter(|&here| !self.standings().is_settled(here));
         let mut request = PlanRequest { rival_of, ..PlanRequest::nothing(&self.spec) };
-        let explores = match self.decides(ask, here) {
-            _ if policy.operation == Operation::Shadow => false,
-            Some(number) => match here {
-                Some(here) => self.explores(ask, number, here),
-                None => policy.weigh_gain || self.draws(ask, number, None),
-            },
-            None => {
-                let visit = self.visits.of(&ask.client_id);
-                if visit.is_none_or(|visit| matches!(visit.decision, VisitDecision::Exploit { .. }))
-                    || self.holds(ask, here)
-                {
-                    return None;
-                }
-                true
-            }
-        };
         let ends = |here: &StateId| {
             self.wishes(&ask.session_policy).is_spent(*here) && self.standings().is_to_be_confirmed(*here)
         };
@@ -191,10 +166,25 @@ impl Tuner {
         (!request.is_empty()).then_some(request)
     }
 
-    /// Whether the client holds a trial of the state that it will get again.
-    fn holds(&self, ask: &Ask, here: Option<StateId>) -> bool {
+    /// Whether a question will explore, as far as is known before it is answered. `None` where the last
+    /// decision holds and its answer is at hand: the client exploits, or gets the trial that it holds again.
+    fn foretold(&self, ask: &Ask, here: Option<StateId>) -> Option<bool> {
+        let policy = &self.spec.policy;
+        if policy.operation == Operation::Shadow {
+            return Some(false);
+        }
+        if let Some(number) = self.decides(ask, here) {
+            return Some(match here {
+                Some(here) => self.explores(ask, number, here),
+                None => policy.weigh_gain || self.draws(ask, number, None),
+            });
+        }
+        let visit = self.visits.of(&ask.client_id);
+        let exploits = visit.is_none_or(|visit| matches!(visit.decision, VisitDecision::Exploit { .. }));
         let held = here.and_then(|here| self.trials.of_client(&ask.client_id, here));
-        held.is_some_and(|trial| !self.leaves_start(ask, trial) && self.still_fits(ask, trial, None))
+        let holds =
+            || held.is_some_and(|trial| !self.leaves_start(ask, trial) && self.still_fits(ask, trial, None));
+        (!exploits && !holds()).then_some(true)
     }
 
     /// A copy of the state's search, if its next point takes a fit and will be asked for, and the number of
@@ -225,6 +215,16 @@ impl Tuner {
         let Some((terms, account)) = Terms::of(&self.spec.policy).zip(account) else { return true };
         account.leave(terms, ask.can_abort, self.standings().default_runs(state)).is_ok()
     }
+}
+
+/// The machines by the time of a question, when one that is new is known, and the machine that asks.
+fn machines_of<'a>(machines: &'a Machines, asks: Option<&Fingerprint>) -> (Cow<'a, Machines>, MachineId) {
+    if let Some(machine) = machines.find(asks) {
+        return (Cow::Borrowed(machines), machine);
+    }
+    let mut grown = machines.clone();
+    let (machine, _) = grown.note_founder(asks);
+    (Cow::Owned(grown), machine)
 }
 
 /// The state whose own measurements answer a question, as far as is known before it is answered: its own
