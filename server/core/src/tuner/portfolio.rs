@@ -3,8 +3,8 @@
 //!
 //! The nearest states give the candidates: the answer of each, configurations measured in several, and the
 //! best known one of every branch of a conditional space. A single measurement in one state is mostly luck:
-//! such a candidate is a member only for its branch. [`CostTable::portfolio`] chooses among them. A portfolio
-//! is computed apart from the tuner whenever a state's search begins, and stored with that search.
+//! such a candidate is a member only for its branch. [`CostTable::portfolio_among`] chooses among them. A
+//! portfolio is computed apart from the tuner whenever a state's search begins, and stored with that search.
 
 use std::collections::{BTreeMap, HashMap};
 use std::sync::Arc;
