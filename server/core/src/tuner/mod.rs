@@ -296,7 +296,7 @@ impl Tuner {
             let mut change = Change { trials: abandoned.into_iter().collect(), ..Change::default() };
             assert_eq!(change.trials.len(), 1, "trial {number} was open");
             if self.searches.changes(state) != before {
-                change.states.push(self.state_record(state));
+                change.states.push(self.standings().row(state));
             }
             let trial = change.trials[0].clone();
             return Ok((trial, change));
@@ -338,7 +338,7 @@ impl Tuner {
                 states.insert(state);
             }
         }
-        change.states = states.into_iter().map(|state| self.state_record(state)).collect();
+        change.states = states.into_iter().map(|state| self.standings().row(state)).collect();
         change
     }
 
@@ -398,12 +398,28 @@ impl Tuner {
         fingerprint: Option<&Fingerprint>,
     ) -> Result<Option<Best>, TunerError> {
         let state = self.best_state(indicators, fingerprint)?;
-        Ok(state.and_then(|state| self.best_answer(state, None, &Planned::AtOnce)))
+        Ok(state.and_then(|state| self.standings().best(state, None, &Planned::AtOnce)))
     }
 
-    /// [`Tuner::best`] in microseconds, with a computed plan. For a client with a start that ran in the state
-    /// it is what is better than that, and the start takes the place of the default in all that is told.
-    pub fn best_planned(
+    /// [`Tuner::best`] in microseconds. Without a plan it may need one first, and is asked again with it. For
+    /// a client with a start that ran in the state it is what is better than that, and the start takes the
+    /// place of the default in all figures.
+    pub fn best_step(
+        &mut self,
+        indicators: Option<&BTreeMap<String, f64>>,
+        fingerprint: Option<&Fingerprint>,
+        start: Option<&RawConfiguration>,
+        plan: Option<SuggestionPlan>,
+    ) -> Result<DecisionStep<Option<Best>>, TunerError> {
+        let needed = if plan.is_none() { self.plan_best(indicators, fingerprint, start) } else { None };
+        if let Some(request) = needed {
+            return Ok(DecisionStep::Need(Box::new(request)));
+        }
+        self.best_planned(indicators, fingerprint, start, plan.unwrap_or_default()).map(DecisionStep::Done)
+    }
+
+    /// The best, with a computed plan.
+    fn best_planned(
         &mut self,
         indicators: Option<&BTreeMap<String, f64>>,
         fingerprint: Option<&Fingerprint>,
@@ -414,7 +430,8 @@ impl Tuner {
         planned.keep_in(&mut self.assessments);
         let start = self.checked_start(start)?;
         let state = self.best_state(indicators, fingerprint)?;
-        Ok(state.and_then(|state| self.best_answer(state, start.as_ref(), &planned)))
+        let start = |state| self.measured_start(state, start.as_ref());
+        Ok(state.and_then(|state| self.standings().best(state, start(state), &planned)))
     }
 
     /// The cost of the configuration exploited in a state, as far as it was assessed; `None` when nothing has

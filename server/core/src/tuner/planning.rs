@@ -152,8 +152,8 @@ impl Tuner {
         (!request.is_empty()).then_some(request)
     }
 
-    /// Plans a question for the best, for [`Tuner::best_planned`].
-    pub fn plan_best(
+    /// Plans a question for the best, for [`Tuner::best_step`].
+    pub(super) fn plan_best(
         &self,
         indicators: Option<&BTreeMap<String, f64>>,
         fingerprint: Option<&Fingerprint>,

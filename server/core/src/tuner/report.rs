@@ -69,7 +69,7 @@ impl Tuner {
             None => self.telling().tell_in_full(completed, &learnt),
         }
         if self.searches.changes(state) != before {
-            change.states.push(self.state_record(state));
+            change.states.push(self.standings().row(state));
         }
         change
     }

@@ -258,7 +258,7 @@ impl Tuner {
                 && let Some(search) = self.searches.change(state)
             {
                 search.disbelieve(state == own);
-                change.states.push(self.state_record(state));
+                change.states.push(self.standings().row(state));
             }
         }
         change

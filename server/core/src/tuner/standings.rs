@@ -15,6 +15,7 @@ use crate::tuner::plan::Planned;
 use crate::tuner::race::Confirming;
 use crate::tuner::searches::{Searches, is_spent};
 use crate::tuner::states::States;
+use crate::tuner::{Best, StateRecord};
 
 /// The answer of a state's own measurements.
 #[derive(Clone, Debug)]
@@ -302,6 +303,41 @@ impl<'a> Standings<'a> {
             rounds_max: race.map_or(u64::from(self.spec.policy.confirm_rounds), |race| race.rounds_max),
             measurements: race.map_or(0, |race| race.race.measurements() as u64),
             gain: beside.and_then(|race| race.gain(&answered.configuration, default)),
+        }
+    }
+
+    /// The best known configuration of a state.
+    pub(super) fn best(
+        &self,
+        state: StateId,
+        start: Option<&Configuration>,
+        planned: &Planned,
+    ) -> Option<Best> {
+        let answered = self.answered(state, start, planned)?;
+        let default = self.measured(state, start).unwrap_or(self.spec.space.default_ref());
+        let record = self.states.results(state).record(&answered.configuration)?;
+        assert!(record.measurements > 0 && !record.infeasible, "the best was measured and can be run");
+        let pace = self.states.results(state).pace();
+        assert!((0.0..=1.0).contains(&pace), "the fastest is no slower, by {pace}");
+        Some(Best {
+            configuration: record.configuration.clone(),
+            cost: pace * record.mean_cost,
+            default_cost: self.states.cost_of(state, default).map(|cost| pace * cost),
+            measurements: record.measurements,
+            state_id: state.0,
+            trial: record.last_trial,
+            last_measure_ms: record.last_measure_ms,
+            standing: self.standing(state, start, planned)?,
+        })
+    }
+
+    /// The row of a state.
+    pub(super) fn row(&self, state: StateId) -> StateRecord {
+        StateRecord {
+            id: state.0,
+            indicators: self.states[state].anchor.clone(),
+            fingerprint: self.states.fingerprint(state).cloned(),
+            search: self.searches.record(state).cloned(),
         }
     }
 }

@@ -59,7 +59,7 @@ impl Tuner {
             change.visits.push(visit.clone());
         }
         if found.is_none() || self.searches.changes(state) != changes_before {
-            change.states.push(self.state_record(state));
+            change.states.push(self.standings().row(state));
         }
         let trial = change.trials[change.trials.len() - 1].clone();
         assert_eq!((trial.state, trial.state_id), (TrialState::Open, state.0), "it is open in the state");

@@ -21,7 +21,7 @@ use crate::tuner::standings::Standings;
 use crate::tuner::telling::Telling;
 use crate::tuner::transfer::Transfer;
 use crate::tuner::walk::Walk;
-use crate::tuner::{Ask, Best, Prediction, Question, StateRecord, StudyCounts, Tuner, TunerError, checks};
+use crate::tuner::{Ask, Best, Prediction, Question, StudyCounts, Tuner, TunerError, checks};
 
 impl Tuner {
     /// Counts.
@@ -199,40 +199,6 @@ impl Tuner {
                 let all = self.states.ids().filter_map(|state| Some((state, best_of(&state)?)));
                 Ok(all.min_by(|a, b| a.1.total_cmp(&b.1)).map(|(state, _)| state))
             }
-        }
-    }
-
-    pub(super) fn best_answer(
-        &self,
-        state: StateId,
-        start: Option<&Configuration>,
-        planned: &Planned,
-    ) -> Option<Best> {
-        let answered = self.standings().answered(state, start, planned)?;
-        let default = self.measured_start(state, start).unwrap_or(self.spec.space.default_ref());
-        let record = self.states.results(state).record(&answered.configuration)?;
-        assert!(record.measurements > 0 && !record.infeasible, "the best was measured and can be run");
-        let pace = self.states.results(state).pace();
-        assert!((0.0..=1.0).contains(&pace), "the fastest is no slower, by {pace}");
-        Some(Best {
-            configuration: record.configuration.clone(),
-            cost: pace * record.mean_cost,
-            default_cost: self.states.cost_of(state, default).map(|cost| pace * cost),
-            measurements: record.measurements,
-            state_id: state.0,
-            trial: record.last_trial,
-            last_measure_ms: record.last_measure_ms,
-            standing: self.standings().standing(state, start, planned)?,
-        })
-    }
-
-    /// The row of a state.
-    pub(super) fn state_record(&self, state: StateId) -> StateRecord {
-        StateRecord {
-            id: state.0,
-            indicators: self.states[state].anchor.clone(),
-            fingerprint: self.states.fingerprint(state).cloned(),
-            search: self.searches.record(state).cloned(),
         }
     }
 }
