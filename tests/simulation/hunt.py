@@ -58,7 +58,7 @@ DEFECTS = {
         "if HERE { self.states.learn(state, completed); }\n        let learnt = self.complete(completed);\n",
     ),
     "lease_never_ends": (
-        "server/core/src/tuner/trials.rs",
+        "server/core/src/tuner/clients/trials.rs",
         "self.leases.range(..(now_ms, TrialNumber(0)))",
         "self.leases.range(..(if HERE { 0.min(now_ms) } else { now_ms }, TrialNumber(0)))",
     ),

@@ -5,10 +5,10 @@ use crate::decision::{self, ExploitRule, Predicted};
 use crate::ids::{StateId, TrialNumber};
 use crate::predict::Answer;
 use crate::trial::Trial;
+use crate::tuner::exploring::transfer::Transfer;
+use crate::tuner::exploring::walk::{NextPoint, drawn, unseen};
 use crate::tuner::plan::Planned;
 use crate::tuner::proposal::{Exploitation, ProposedTrial};
-use crate::tuner::transfer::Transfer;
-use crate::tuner::walk::{NextPoint, drawn, unseen};
 use crate::tuner::{Ask, Tuner};
 
 /// The result of exploring.

@@ -10,8 +10,8 @@ use crate::results::ResultTable;
 use crate::space::Space;
 use crate::standing::Standing;
 use crate::tuner::Tuner;
+use crate::tuner::knowledge::states::States;
 use crate::tuner::plan::Planned;
-use crate::tuner::states::States;
 
 /// The policy's knowledge of a state.
 #[derive(Clone, Debug, Default, PartialEq)]

@@ -8,14 +8,15 @@ use crate::predict::Predictors;
 use crate::search::Verdict;
 use crate::study::StudySpec;
 use crate::trial::{Outcome, Trial};
-use crate::tuner::auxiliaries::{Auxiliaries, Beside};
-use crate::tuner::history::History;
-use crate::tuner::models::Models;
-use crate::tuner::rechecks::{Moved, Rechecks};
-use crate::tuner::searches::Searches;
-use crate::tuner::speeds::{Speeds, Unheld};
-use crate::tuner::states::States;
-use crate::tuner::{models, progress, transfer};
+use crate::tuner::exploring::searches::Searches;
+use crate::tuner::exploring::transfer;
+use crate::tuner::knowledge::auxiliaries::{Auxiliaries, Beside};
+use crate::tuner::knowledge::history::History;
+use crate::tuner::knowledge::models::Models;
+use crate::tuner::knowledge::rechecks::{Moved, Rechecks};
+use crate::tuner::knowledge::speeds::{Speeds, Unheld};
+use crate::tuner::knowledge::states::States;
+use crate::tuner::knowledge::{models, progress};
 
 /// The learnt cost of a completed trial.
 #[derive(Clone, Copy, Debug)]

@@ -8,71 +8,52 @@
 //! The machine is pure. Its answers depend only on the rows of the [`Change`]s that it returned: a
 //! [restored](Tuner::restore) tuner gives the next answers of one that never stopped, byte for byte.
 //!
-//! [`Tuner`] joins parts that keep their own invariants: `states` (recognition, and the table of each state),
-//! `trials` (the open ones and their holders), `visits` (the clients' states and budgets), `searches`,
-//! `models`, `history`, `assessment`s, `speeds` and `auxiliaries`. Each step has its file: `decide` and `gain`
-//! take decisions by what a `session` wishes, `exploiting` chooses what is exploited by the `standings` of a
-//! state's own measurements, `start` lets a client begin with its own default, `explore` and `within_budget`
-//! `walk` a search (`repeats` are what it measures again), `confirmation` runs its best against the
-//! incumbent, `transfer` brings in the results of other states and machines (`warm_start` and `portfolio`
-//! make the beginning of a search from them), `planning` copies the inputs of slow computations and `plan`
-//! computes them apart, `suggest` and `report` are the two halves of a client's frame, `learning` is what the
-//! tables and models make of a report and `telling` passes it on to its search, `leases` ends trials that
-//! never come back, `restore` and `checkpoint` rebuild.
+//! [`Tuner`] joins the parts of three rooms, which keep their own invariants. `knowledge` holds the `states`
+//! (recognition, and the table of each state), their `history` and `assessment`s, the `speeds` of machines,
+//! `auxiliaries` and `models`; `clients` the `visits` (states and budgets) and `trials` (the open ones and
+//! their holders); `exploring` the `searches` and what works on them: the `walk` to the next point, the
+//! `repeats`, the `confirmation` of the best against the incumbent, the `standings` of a state's own
+//! measurements, the choice of what is exploited (`exploiting`), and the `transfer` of the results of other
+//! states and machines.
+//!
+//! Each step has its file: `decide` takes decisions by what a `session` wishes, `start` lets a client begin
+//! with its own default, `explore` and `within_budget` choose what is explored, `planning` copies the inputs
+//! of slow computations and `plan` computes them apart, `suggest` and `report` are the two halves of a
+//! client's frame, `learning` is what tables and models make of a report, `leases` ends trials that never
+//! come back, `restore` and `checkpoint` rebuild.
 
-mod assessment;
-mod auxiliaries;
 pub mod budget;
 mod checkpoint;
 mod checks;
-mod confirmation;
+mod clients;
 mod decide;
-mod exploiting;
-mod exploration;
 mod explore;
-mod few;
-mod gain;
-mod history;
+mod exploring;
 mod insight;
+mod knowledge;
 mod learning;
 mod leases;
-mod models;
 mod plan;
 mod planning;
-mod portfolio;
-mod progress;
 mod proposal;
-mod race;
-mod rechecks;
 mod recorded;
-mod repeats;
 mod report;
 mod restore;
-mod searches;
 mod session;
-mod speeds;
-mod standings;
 mod start;
-mod states;
 mod suggest;
-mod telling;
-mod transfer;
-mod trials;
 mod types;
 mod views;
-mod visits;
-mod walk;
-mod warm_start;
 mod within_budget;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
-pub use assessment::{Assessment, AssessmentRequest};
 pub use budget::Account;
 pub use checkpoint::Learnt;
-pub use exploration::Exploration;
+pub use exploring::exploration::Exploration;
 pub use insight::{Insight, Omission, OmissionReason, Prospect};
+pub use knowledge::assessment::{Assessment, AssessmentRequest};
 pub use plan::{DecisionStep, PlanRequest, SuggestionPlan};
 pub use recorded::{RecordedVisitDecision, VisitDecisionBefore};
 pub use restore::Restoring;
@@ -89,17 +70,17 @@ use crate::policy::Policy;
 use crate::predict::Predictors;
 use crate::study::{StudyError, StudySpec};
 use crate::trial::{Fingerprint, Outcome, Trial, TrialState};
-use crate::tuner::assessment::Assessments;
-use crate::tuner::auxiliaries::Auxiliaries;
-use crate::tuner::history::History;
-use crate::tuner::models::Models;
+use crate::tuner::clients::trials::OpenTrials;
+use crate::tuner::clients::visits::Visits;
+use crate::tuner::exploring::searches::Searches;
+use crate::tuner::knowledge::assessment::Assessments;
+use crate::tuner::knowledge::auxiliaries::Auxiliaries;
+use crate::tuner::knowledge::history::History;
+use crate::tuner::knowledge::models::Models;
+use crate::tuner::knowledge::rechecks::Rechecks;
+use crate::tuner::knowledge::speeds::Speeds;
+use crate::tuner::knowledge::states::States;
 use crate::tuner::plan::Planned;
-use crate::tuner::rechecks::Rechecks;
-use crate::tuner::searches::Searches;
-use crate::tuner::speeds::Speeds;
-use crate::tuner::states::States;
-use crate::tuner::trials::OpenTrials;
-use crate::tuner::visits::Visits;
 
 /// The state machine of one study. Pure: time comes in as `now_ms`, randomness from the study's seed.
 ///

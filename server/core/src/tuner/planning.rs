@@ -16,11 +16,11 @@ use crate::session::SessionPolicy;
 use crate::trial::Fingerprint;
 use crate::tuner::budget::Terms;
 use crate::tuner::decide::Ground;
-use crate::tuner::exploiting::Exploiting;
+use crate::tuner::exploring::exploiting::Exploiting;
+use crate::tuner::exploring::searches::is_spent;
+use crate::tuner::exploring::transfer::Transfer;
+use crate::tuner::knowledge::states::States;
 use crate::tuner::plan::{PlanRequest, Planned};
-use crate::tuner::searches::is_spent;
-use crate::tuner::states::States;
-use crate::tuner::transfer::Transfer;
 use crate::tuner::{Ask, Question, Tuner, VisitDecision};
 
 impl Tuner {

@@ -4,8 +4,8 @@ use crate::ids::{StateId, TrialNumber};
 use crate::policy::{Operation, Policy};
 use crate::session::SessionPolicy;
 use crate::tuner::decide::Ground;
-use crate::tuner::gain::GainEvidence;
-use crate::tuner::standings::Standings;
+use crate::tuner::exploring::standings::Standings;
+use crate::tuner::knowledge::gain::GainEvidence;
 
 /// The policy for a session: its own wishes before the study's.
 #[derive(Clone, Copy, Debug)]

@@ -8,19 +8,19 @@ use crate::policy::PredictorMethod;
 use crate::predict::prequential::ErrorInterval;
 use crate::session::SessionPolicy;
 use crate::trial::{Fingerprint, Trial};
-use crate::tuner::confirmation::Racing;
 use crate::tuner::decide::Ground;
-use crate::tuner::exploiting::Exploiting;
-use crate::tuner::gain::GainEvidence;
+use crate::tuner::exploring::confirmation::Racing;
+use crate::tuner::exploring::exploiting::Exploiting;
+use crate::tuner::exploring::repeats::Repeats;
+use crate::tuner::exploring::standings::Standings;
+use crate::tuner::exploring::telling::Telling;
+use crate::tuner::exploring::transfer::Transfer;
+use crate::tuner::exploring::walk::Walk;
+use crate::tuner::knowledge::gain::GainEvidence;
 use crate::tuner::learning::Learning;
 use crate::tuner::plan::Planned;
 use crate::tuner::proposal::Exploitation;
-use crate::tuner::repeats::Repeats;
 use crate::tuner::session::Wishes;
-use crate::tuner::standings::Standings;
-use crate::tuner::telling::Telling;
-use crate::tuner::transfer::Transfer;
-use crate::tuner::walk::Walk;
 use crate::tuner::{Ask, Best, Prediction, Question, StudyCounts, Tuner, TunerError, checks};
 
 impl Tuner {

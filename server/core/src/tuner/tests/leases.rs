@@ -343,8 +343,12 @@ fn a_search_that_has_spent_its_budget_on_repeats_is_finished() {
         let trial = suggest(&mut tuner, "a", 0.5, 0.5);
         finish(&mut tuner, &trial, Outcome::Ok);
         let own = tuner.searches.of(StateId(1)).expect("explored");
-        let spent =
-            crate::tuner::searches::is_spent(own, tuner.states.results(StateId(1)), &tuner.spec().policy, 30);
+        let spent = crate::tuner::exploring::searches::is_spent(
+            own,
+            tuner.states.results(StateId(1)),
+            &tuner.spec().policy,
+            30,
+        );
         assert_eq!(tuner.standings().is_finished(StateId(1)), spent);
     }
     assert!(tuner.standings().is_finished(StateId(1)));

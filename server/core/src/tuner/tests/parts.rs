@@ -5,8 +5,8 @@ use super::*;
 use crate::limits::DEFERRED_UPDATES_MAX;
 use crate::search::{AnySearch, SearchSetup};
 use crate::trial::Fingerprint;
+use crate::tuner::exploring::searches::Searches;
 use crate::tuner::plan::Planned;
-use crate::tuner::searches::Searches;
 
 fn search(state: u64) -> AnySearch {
     let space = spec(Policy::default()).space;

@@ -14,7 +14,7 @@ use crate::session::SessionPolicy;
 use crate::tuner::{Account, Ask, Visit, VisitDecision};
 
 #[derive(Clone, Debug, Default)]
-pub(super) struct Visits {
+pub(in crate::tuner) struct Visits {
     by_client: BTreeMap<String, Visit>,
     ages: Ages,
     /// The clients that hold open trials, some of them without a visit.
@@ -60,7 +60,7 @@ impl Visits {
     }
 
     /// Notes whether a client holds open trials. It is not forgotten then.
-    pub(super) fn note_held(&mut self, client_id: &str, holds: bool) {
+    pub(in crate::tuner) fn note_held(&mut self, client_id: &str, holds: bool) {
         let is_new = holds && self.holders.insert(client_id.to_owned());
         let is_over = !holds && self.holders.remove(client_id);
         if let Some(visit) = self.by_client.get(client_id).filter(|_| is_new || is_over) {
@@ -71,35 +71,35 @@ impl Visits {
     }
 
     /// The number of clients that the study remembers.
-    pub(super) fn len(&self) -> usize {
+    pub(in crate::tuner) fn len(&self) -> usize {
         self.by_client.len()
     }
 
-    pub(super) fn of(&self, client_id: &str) -> Option<&Visit> {
+    pub(in crate::tuner) fn of(&self, client_id: &str) -> Option<&Visit> {
         self.by_client.get(client_id)
     }
 
-    pub(super) fn state_of(&self, client_id: &str) -> Option<StateId> {
+    pub(in crate::tuner) fn state_of(&self, client_id: &str) -> Option<StateId> {
         self.of(client_id).map(|visit| StateId(visit.state_id))
     }
 
     /// The account of a client's exploring, where the policy limits it.
-    pub(super) fn account(&self, client_id: &str) -> Option<&Account> {
+    pub(in crate::tuner) fn account(&self, client_id: &str) -> Option<&Account> {
         self.of(client_id)?.account.as_ref()
     }
 
-    pub(super) fn account_mut(&mut self, client_id: &str) -> Option<&mut Account> {
+    pub(in crate::tuner) fn account_mut(&mut self, client_id: &str) -> Option<&mut Account> {
         self.by_client.get_mut(client_id)?.account.as_mut()
     }
 
     /// For how many trials the client that came to a state last wants it to be searched, if it says so.
-    pub(super) fn room(&self, state: StateId) -> Option<usize> {
+    pub(in crate::tuner) fn room(&self, state: StateId) -> Option<usize> {
         let last = self.of(self.ages.latest(state.0)?)?;
         last.account.as_ref()?.policy.trials_per_state.map(|room| room as usize)
     }
 
     /// Begins a visit, which takes over the client's account.
-    pub(super) fn begin(&mut self, visit: Visit) {
+    pub(in crate::tuner) fn begin(&mut self, visit: Visit) {
         let account = self.account(&visit.client_id).cloned().or_else(|| visit.account.clone());
         if let Some(before) = self.by_client.remove(&visit.client_id) {
             self.ages.remove(&before);
@@ -110,7 +110,7 @@ impl Visits {
     }
 
     /// Forgets the client whose last decision is longest ago, of those that hold no open trial.
-    pub(super) fn forget_oldest(&mut self) -> Option<String> {
+    pub(in crate::tuner) fn forget_oldest(&mut self) -> Option<String> {
         let (_, oldest) = self.ages.idle.first()?;
         let visit = self.by_client.remove(oldest);
         assert!(visit.is_some(), "every age is that of a visit");
@@ -124,7 +124,7 @@ impl Visits {
     /// exploit is decided again at their next questions, and the references of their accounts are measured
     /// again. Returns the clients that are forgotten for that, and the changed visits of those that keep an
     /// account.
-    pub(super) fn disown(&mut self, state: StateId) -> (Vec<String>, Vec<Visit>) {
+    pub(in crate::tuner) fn disown(&mut self, state: StateId) -> (Vec<String>, Vec<Visit>) {
         let (mut forgotten, mut changed) = (Vec::new(), Vec::new());
         for visit in self.by_client.values_mut().filter(|visit| visit.state_id == state.0) {
             if let Some(account) = &mut visit.account {
@@ -147,13 +147,13 @@ impl Visits {
     }
 
     /// Whether the last decision for a client was taken under another session policy.
-    pub(super) fn has_other_wishes(&self, client_id: &str, session: &SessionPolicy) -> bool {
+    pub(in crate::tuner) fn has_other_wishes(&self, client_id: &str, session: &SessionPolicy) -> bool {
         self.account(client_id).map_or(SessionPolicy::default(), |account| account.policy) != *session
     }
 
     /// Counts the next trial in its session, and returns whether it is excluded from learning. A trial
     /// carried over from elsewhere is not run, so it warms nothing up.
-    pub(super) fn is_silent(&mut self, ask: &Ask, policy: &Policy) -> bool {
+    pub(in crate::tuner) fn is_silent(&mut self, ask: &Ask, policy: &Policy) -> bool {
         let warm_up = u64::from(policy.warm_up);
         let frozen = policy.operation == Operation::Freeze;
         let before = self.account_mut(&ask.client_id).map(|account| account.count());
@@ -162,7 +162,13 @@ impl Visits {
 
     /// Opens a client's account if the policy keeps one or its session has its own policy, and notes the
     /// client's state. Trials after `last` are of the session that the account is for.
-    pub(super) fn keep_account(&mut self, ask: &Ask, policy: &Policy, state: StateId, last: TrialNumber) {
+    pub(in crate::tuner) fn keep_account(
+        &mut self,
+        ask: &Ask,
+        policy: &Policy,
+        state: StateId,
+        last: TrialNumber,
+    ) {
         let has_wishes = !ask.session_policy.is_empty();
         let wanted = policy.regret_budget.is_some() || policy.warm_up > 0 || has_wishes;
         let Some(visit) = self.by_client.get_mut(&ask.client_id) else { return };

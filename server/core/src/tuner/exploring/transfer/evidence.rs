@@ -8,10 +8,10 @@ use crate::predict::Query;
 use crate::predict::state_index::IndexEntry;
 use crate::search::hears_others;
 use crate::trial::Neighbour;
-use crate::tuner::portfolio::{MeasuredElsewhere, OtherState};
-use crate::tuner::states::at;
-use crate::tuner::transfer::Transfer;
-use crate::tuner::warm_start::STATES;
+use crate::tuner::exploring::transfer::Transfer;
+use crate::tuner::knowledge::portfolio::{MeasuredElsewhere, OtherState};
+use crate::tuner::knowledge::states::at;
+use crate::tuner::knowledge::warm_start::STATES;
 
 /// Number of measurements in a state from which on a result is not the luck of one.
 const REPEATED: u64 = 2;

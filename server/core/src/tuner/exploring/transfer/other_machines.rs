@@ -18,9 +18,9 @@ use crate::ids::StateId;
 use crate::limits::{NEIGHBOURS_MAX, REWARD_COST_MIN};
 use crate::results::Record;
 use crate::trial::Neighbour;
+use crate::tuner::exploring::transfer::Transfer;
+use crate::tuner::knowledge::states::States;
 use crate::tuner::proposal::{Exploitation, ProposedTrial};
-use crate::tuner::states::States;
-use crate::tuner::transfer::Transfer;
 
 /// The assumed difference of an unmeasured configuration's cost from the default's, as a logarithm.
 const SPREAD: f64 = 0.3;

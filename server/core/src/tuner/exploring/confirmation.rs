@@ -2,12 +2,12 @@
 //! better.
 //!
 //! The incumbent of a state is the configuration that did best in other states, else the study's default,
-//! until a race replaces it. The state's [assessment](super::assessment) chooses the contenders, and the
-//! clients that explore there measure them. A [race](crate::statistics::confirm) that its rounds leave open
-//! is settled by a test of the rounds alone. Otherwise one more assessment of all the contenders'
-//! measurements settles it. Its winner is the answer and is reported as likely, because only rounds prove.
-//! From then on the verdict is exploited without further computation. The default runs in every race, so that
-//! the winner's gain is measured beside it.
+//! until a race replaces it. The state's [assessment](crate::tuner::knowledge::assessment) chooses the
+//! contenders, and the clients that explore there measure them. A [race](crate::statistics::confirm) that its
+//! rounds leave open is settled by a test of the rounds alone. Otherwise one more assessment of all the
+//! contenders' measurements settles it. Its winner is the answer and is reported as likely, because only
+//! rounds prove. From then on the verdict is exploited without further computation. The default runs in every
+//! race, so that the winner's gain is measured beside it.
 
 use std::sync::Arc;
 
@@ -17,21 +17,22 @@ use crate::limits::FAILURES_PER_CONFIGURATION_MAX;
 use crate::statistics::confirm::{ERROR_MAX, PROVEN_ERROR_MAX, RaceResult};
 use crate::study::StudySpec;
 use crate::trial::{Outcome, Trial};
-use crate::tuner::assessment::Assessments;
+use crate::tuner::exploring::race::{Confirming, Finding};
+use crate::tuner::exploring::searches::Searches;
+use crate::tuner::exploring::standings::Standings;
+use crate::tuner::knowledge::Stored;
+use crate::tuner::knowledge::assessment::Assessments;
+use crate::tuner::knowledge::states::States;
 use crate::tuner::plan::Planned;
 use crate::tuner::proposal::ProposedTrial;
-use crate::tuner::race::{Confirming, Finding, Stored};
-use crate::tuner::searches::Searches;
-use crate::tuner::standings::Standings;
-use crate::tuner::states::States;
 
 /// The races of all states.
 #[derive(Debug)]
-pub(super) struct Racing<'a> {
-    pub(super) spec: &'a Arc<StudySpec>,
-    pub(super) states: &'a States,
-    pub(super) searches: &'a mut Searches,
-    pub(super) assessments: &'a Assessments,
+pub(in crate::tuner) struct Racing<'a> {
+    pub(in crate::tuner) spec: &'a Arc<StudySpec>,
+    pub(in crate::tuner) states: &'a States,
+    pub(in crate::tuner) searches: &'a mut Searches,
+    pub(in crate::tuner) assessments: &'a Assessments,
 }
 
 impl Racing<'_> {
@@ -42,7 +43,7 @@ impl Racing<'_> {
 
     /// The next measurement of a state's confirmation, in a state whose search is at its end. `None` where
     /// the confirmation is over, or waits for other clients' measurements.
-    pub(super) fn confirm(
+    pub(in crate::tuner) fn confirm(
         &mut self,
         state: StateId,
         number: TrialNumber,
@@ -106,7 +107,7 @@ impl Racing<'_> {
     }
 
     /// Enters the result of a completed trial into the race; its cost is `learnt`.
-    pub(super) fn tell_race(&mut self, trial: &Trial, learnt: Option<f64>) {
+    pub(in crate::tuner) fn tell_race(&mut self, trial: &Trial, learnt: Option<f64>) {
         let state = StateId(trial.state_id);
         if !self.standings().race(state).is_some_and(|race| race.open.contains_key(&trial.number)) {
             return;

@@ -11,21 +11,21 @@ use crate::search::{Feedback, Step, Verdict};
 use crate::study::StudySpec;
 use crate::trial::{Outcome, Trial};
 use crate::tuner::Exploration;
-use crate::tuner::assessment::Assessments;
-use crate::tuner::confirmation::Racing;
+use crate::tuner::exploring::confirmation::Racing;
+use crate::tuner::exploring::searches::{Searches, is_spent};
+use crate::tuner::knowledge::assessment::Assessments;
+use crate::tuner::knowledge::speeds::Speeds;
+use crate::tuner::knowledge::states::States;
 use crate::tuner::learning::LearntCost;
-use crate::tuner::searches::{Searches, is_spent};
-use crate::tuner::speeds::Speeds;
-use crate::tuner::states::States;
 
 /// The searches and races that wait for results.
 #[derive(Debug)]
-pub(super) struct Telling<'a> {
-    pub(super) spec: &'a Arc<StudySpec>,
-    pub(super) states: &'a States,
-    pub(super) searches: &'a mut Searches,
-    pub(super) assessments: &'a Assessments,
-    pub(super) speeds: &'a Speeds,
+pub(in crate::tuner) struct Telling<'a> {
+    pub(in crate::tuner) spec: &'a Arc<StudySpec>,
+    pub(in crate::tuner) states: &'a States,
+    pub(in crate::tuner) searches: &'a mut Searches,
+    pub(in crate::tuner) assessments: &'a Assessments,
+    pub(in crate::tuner) speeds: &'a Speeds,
 }
 
 impl Telling<'_> {
@@ -35,7 +35,7 @@ impl Telling<'_> {
     }
 
     /// Passes the result of a full trial to its search and to the race.
-    pub(super) fn tell_in_full(&mut self, completed: &Trial, learnt: &LearntCost) {
+    pub(in crate::tuner) fn tell_in_full(&mut self, completed: &Trial, learnt: &LearntCost) {
         let (state, replicates) = (StateId(completed.state_id), self.spec.policy.replicates);
         let settled = self.states.results(state).settled(&completed.configuration, replicates);
         let is_first = |record: &Record| record.measurements == 1;
@@ -69,7 +69,7 @@ impl Telling<'_> {
 
     /// Passes the result of a trial at a cheaper level to its search, which alone hears of it. The point of a
     /// silent one goes back.
-    pub(super) fn tell_cheaper(&mut self, completed: &Trial) {
+    pub(in crate::tuner) fn tell_cheaper(&mut self, completed: &Trial) {
         let state = StateId(completed.state_id);
         let name = completed.decision.fidelity.as_ref();
         let levels = self.spec.objective.fidelities();
@@ -98,7 +98,7 @@ impl Telling<'_> {
     }
 
     /// Ends a trial's hold on a point of its state's search, or on a contender of its race.
-    pub(super) fn release(&mut self, trial: &Trial, feedback: Option<Feedback>) {
+    pub(in crate::tuner) fn release(&mut self, trial: &Trial, feedback: Option<Feedback>) {
         let state = StateId(trial.state_id);
         let holds = |own: &Exploration| own.open.contains_key(&trial.number) || own.confirms(trial.number);
         if !self.searches.of(state).is_some_and(holds) {

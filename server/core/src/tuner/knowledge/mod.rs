@@ -1,0 +1,23 @@
+//! What is known of a study: its states with their tables, how they came about, the speeds of machines, what
+//! costs are believed to be, and what models and other states say.
+
+pub(super) mod assessment;
+pub(super) mod auxiliaries;
+pub(super) mod gain;
+pub(super) mod history;
+pub(super) mod models;
+pub(super) mod portfolio;
+pub(super) mod progress;
+pub(super) mod rechecks;
+pub(super) mod speeds;
+pub(super) mod states;
+pub(super) mod warm_start;
+
+use serde::{Deserialize, Serialize};
+
+use crate::configuration::{Configuration, unchecked};
+
+/// A configuration as it stands in a state's row.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(transparent)]
+pub(in crate::tuner) struct Stored(#[serde(with = "unchecked")] pub(in crate::tuner) Configuration);
