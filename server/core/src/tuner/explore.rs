@@ -99,7 +99,7 @@ impl Tuner {
         }
         let best = self.best_known(state, None, planned);
         let instead =
-            best.unwrap_or_else(|| self.exploiting().measured_answer(normalised, Some(state), planned));
+            best.unwrap_or_else(|| self.exploiting(planned).measured_answer(normalised, Some(state)));
         let instead = self.beside_start(instead, self.start_of(ask).as_ref(), Some(state), planned);
         Explored::Nothing { instead, rule }
     }

@@ -63,8 +63,9 @@ impl Tuner {
             if ground == Ground::Measured || !transfer.needs_predictor(here) {
                 return None;
             }
-            let exploiting = Exploiting { transfer, ..self.exploiting() };
-            let measured = exploiting.measured_answer(normalised, here, &Planned::Ahead(Box::default()));
+            let ahead = Planned::Ahead(Box::default());
+            let exploiting = Exploiting { transfer, ..self.exploiting(&ahead) };
+            let measured = exploiting.measured_answer(normalised, here);
             predictors.request(predictor, &Query { rival: Some(&measured.configuration), ..query() })
         };
         let first = || predictors.proposal(predictor, &query(), self.trials.last().0 + 1);
@@ -133,7 +134,7 @@ impl Tuner {
         if self.spec.policy.pinned.is_some() {
             return None;
         }
-        let measured = self.exploiting().measured_answer(&normalised, here, &Planned::Ahead(Box::default()));
+        let measured = self.exploiting(&Planned::Ahead(Box::default())).measured_answer(&normalised, here);
         let query = self.states.query(&self.spec.space, &normalised, here);
         let query = Query { rival: Some(&measured.configuration), ..query };
         let predicts = self.wishes(&SessionPolicy::default()).ground() == Ground::Predicted;

@@ -142,8 +142,8 @@ impl Tuner {
         Telling { spec, states, searches, assessments, speeds }
     }
 
-    pub(super) fn exploiting(&self) -> Exploiting<'_> {
-        Exploiting { standings: self.standings(), gain: self.gain(), transfer: self.transfer() }
+    pub(super) fn exploiting<'a>(&'a self, planned: &'a Planned) -> Exploiting<'a> {
+        Exploiting { standings: self.standings(), gain: self.gain(), transfer: self.transfer(), planned }
     }
 
     /// [`Exploiting::exploitation`].
@@ -154,7 +154,7 @@ impl Tuner {
         ground: Ground,
         planned: &Planned,
     ) -> Exploitation {
-        self.exploiting().exploitation(normalised, here, ground, planned)
+        self.exploiting(planned).exploitation(normalised, here, ground)
     }
 
     /// [`Exploiting::best_known`].
@@ -164,7 +164,7 @@ impl Tuner {
         start: Option<&Configuration>,
         planned: &Planned,
     ) -> Option<Exploitation> {
-        self.exploiting().best_known(state, start, planned)
+        self.exploiting(planned).best_known(state, start)
     }
 
     pub(super) fn wishes<'a>(&'a self, session: &'a SessionPolicy) -> Wishes<'a> {

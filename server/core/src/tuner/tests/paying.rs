@@ -171,7 +171,7 @@ fn a_state_that_nobody_met_is_answered_with_what_serves_the_others_best() {
     }
     let asked = ask("z", 0.95, 0.9).indicators;
     let predicted = tuner.predict(&asked, None).expect("valid");
-    let answer = tuner.exploiting().measured_answer(&[0.95, 0.9], None, &Planned::AtOnce).asked();
+    let answer = tuner.exploiting(&Planned::AtOnce).measured_answer(&[0.95, 0.9], None).asked();
     assert_eq!((answer.reason().source.as_str(), answer.mode()), ("portfolio", Mode::Exploit));
     assert!(!answer.reason().neighbours.is_empty());
     // A client that explores begins with it, and then runs the default.
