@@ -80,9 +80,6 @@ impl Tuner {
         request.beside_start =
             self.standings().start_to_plan(self.start_of(ask), answers.filter(|_| answers == here));
         let tunes = policy.operation == Operation::Tune;
-        // The start that such a client holds is taken back before it is answered.
-        let held = here.and_then(|here| self.trials.of_client(&ask.client_id, here));
-        let leaves_start = held.is_some_and(|held| self.leaves_start(ask, held));
         // The plan may show whether there is anything to exploit.
         let is_unsure = !explores
             && ground == Ground::Predicted
@@ -94,7 +91,7 @@ impl Tuner {
         match here.filter(|_| explores || is_unsure) {
             Some(here) if tunes => {
                 request.search = self.search_to_plan(ask, here).filter(|(state, ..)| may_plan(*state));
-                let may_propose = leaves_start || transfer.is_untouched(here);
+                let may_propose = self.takes_start_back(ask, here) || transfer.is_untouched(here);
                 if may_propose && !transfer.begins_with_portfolio(normalised, Some(here)) {
                     request.first = first();
                 }
@@ -186,6 +183,12 @@ impl Tuner {
         let holds =
             || held.is_some_and(|trial| !self.leaves_start(ask, trial) && self.still_fits(ask, trial, None));
         (!exploits && !holds()).then_some(true)
+    }
+
+    /// Whether the client holds its start there, which is taken back before it is answered.
+    fn takes_start_back(&self, ask: &Ask, here: StateId) -> bool {
+        let held = self.trials.of_client(&ask.client_id, here);
+        held.is_some_and(|held| self.leaves_start(ask, held))
     }
 
     /// A copy of the state's search, if its next point takes a fit and will be asked for, and the number of
