@@ -175,8 +175,9 @@ impl Tuner {
             Some(normalised) => self.recognised(ask, normalised.to_vec()),
             None => self.question(ask)?,
         };
-        let needed = if plan.is_none() { self.plan(&question, may_plan) } else { None };
-        if let Some(request) = needed {
+        if plan.is_none()
+            && let Some(request) = self.plan(&question, may_plan)
+        {
             return Ok(DecisionStep::Need(Box::new(request)));
         }
         let planned = Planned::Ahead(Box::new(plan.unwrap_or_default()));
@@ -360,8 +361,9 @@ impl Tuner {
         start: Option<&RawConfiguration>,
         plan: Option<SuggestionPlan>,
     ) -> Result<DecisionStep<Prediction>, TunerError> {
-        let needed = if plan.is_none() { self.plan_prediction(indicators, fingerprint, start) } else { None };
-        if let Some(request) = needed {
+        if plan.is_none()
+            && let Some(request) = self.plan_prediction(indicators, fingerprint, start)
+        {
             return Ok(DecisionStep::Need(Box::new(request)));
         }
         let mut planned = Planned::Ahead(Box::new(plan.unwrap_or_default()));
@@ -392,27 +394,17 @@ impl Tuner {
         start: Option<&RawConfiguration>,
         plan: Option<SuggestionPlan>,
     ) -> Result<DecisionStep<Option<Best>>, TunerError> {
-        let needed = if plan.is_none() { self.plan_best(indicators, fingerprint, start) } else { None };
-        if let Some(request) = needed {
+        if plan.is_none()
+            && let Some(request) = self.plan_best(indicators, fingerprint, start)
+        {
             return Ok(DecisionStep::Need(Box::new(request)));
         }
-        self.best_planned(indicators, fingerprint, start, plan.unwrap_or_default()).map(DecisionStep::Done)
-    }
-
-    /// The best, with a computed plan.
-    fn best_planned(
-        &mut self,
-        indicators: Option<&BTreeMap<String, f64>>,
-        fingerprint: Option<&Fingerprint>,
-        start: Option<&RawConfiguration>,
-        plan: SuggestionPlan,
-    ) -> Result<Option<Best>, TunerError> {
-        let mut planned = Planned::Ahead(Box::new(plan));
+        let mut planned = Planned::Ahead(Box::new(plan.unwrap_or_default()));
         planned.keep_in(&mut self.assessments);
         let start = self.checked_start(start)?;
         let state = self.best_state(indicators, fingerprint)?;
-        let start = |state| self.measured_start(state, start.as_ref());
-        Ok(state.and_then(|state| self.standings().best(state, start(state), &planned)))
+        let best = state.and_then(|state| self.standings().best(state, start.as_ref(), &planned));
+        Ok(DecisionStep::Done(best))
     }
 
     /// The cost of the configuration exploited in a state, as far as it was assessed; `None` when nothing has

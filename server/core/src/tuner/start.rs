@@ -36,15 +36,6 @@ impl Tuner {
         self.checked_start(ask.start.as_ref()).ok().flatten()
     }
 
-    /// A start, if it ran in a state.
-    pub(super) fn measured_start<'a>(
-        &self,
-        state: StateId,
-        start: Option<&'a Configuration>,
-    ) -> Option<&'a Configuration> {
-        start.filter(|start| self.states.results(state).ran(start).is_some())
-    }
-
     /// A client's start, unless it is known to fail in a state or was lost there too often.
     pub(super) fn usable_start(&self, ask: &Ask, state: StateId) -> Option<Configuration> {
         let is_lost = |start: &Configuration| self.searches.lost_starts(state, start) >= LEASES_LOST_MAX;

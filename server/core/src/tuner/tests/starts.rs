@@ -90,10 +90,13 @@ fn answers_are_what_is_better_than_the_start_and_are_told_over_it() {
     let indicators = ask("d", 0.5, 0.5).indicators;
     let mut best = |start: Option<Configuration>| {
         let start = start.map(RawConfiguration::from);
-        let plan = tuner.plan_best(Some(&indicators), None, start.as_ref());
-        let plan = plan.map(PlanRequest::compute).unwrap_or_default();
-        let best = tuner.best_planned(Some(&indicators), None, start.as_ref(), plan);
-        best.expect("valid").expect("measured")
+        let mut plan = None;
+        loop {
+            match tuner.best_step(Some(&indicators), None, start.as_ref(), plan).expect("valid") {
+                DecisionStep::Need(request) => plan = Some(request.compute()),
+                DecisionStep::Done(best) => break best.expect("measured"),
+            }
+        }
     };
     let (plain, of_good, of_bad) = (best(None), best(Some(good())), best(Some(bad())));
     let is_about = |cost: Option<f64>, about: f64| cost.is_some_and(|cost| (cost - about).abs() < 1e-6);
@@ -232,7 +235,7 @@ fn a_start_stays_the_answer_where_nothing_was_assessed_until_something_beats_it(
     }
     let answer = |tuner: &Tuner| {
         let hurried = Planned::Ahead(Box::default());
-        tuner.best_known(state, Some(&start), &hurried).expect("measured")
+        tuner.exploiting(&hurried).best_known(state, Some(&start)).expect("measured")
     };
     let (configuration, source) = (answer(&tuner).configuration, answer(&tuner).source);
     assert_eq!(configuration, start, "12.7 is hardly less than 12.75");
