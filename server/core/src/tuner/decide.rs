@@ -61,7 +61,7 @@ impl Tuner {
         }
         let ground = self.wishes(&SessionPolicy::default()).ground();
         let start = self.usable_start(ask, state);
-        let would = self.exploitation_from(start.as_ref(), normalised, Some(state), ground, planned);
+        let would = self.exploiting(planned).exploitation(start.as_ref(), normalised, Some(state), ground);
         let configuration = start.unwrap_or_else(|| self.spec.space.default_configuration());
         let predicted_cost = self.states.cost_of(state, &configuration);
         let costs = would.predicted_cost.zip(predicted_cost);
@@ -177,7 +177,8 @@ impl Tuner {
     ) -> VisitDecision {
         let session = &ask.session_policy;
         let (ground, start) = (self.wishes(session).ground(), self.start_of(ask));
-        let exploit = || self.exploitation_from(start.as_ref(), normalised, Some(state), ground, planned);
+        let exploiting = self.exploiting(planned);
+        let exploit = || exploiting.exploitation(start.as_ref(), normalised, Some(state), ground);
         let fails = |would: &Exploitation| self.states.results(state).fails(&would.configuration);
         if self.spec.policy.operation == Operation::Freeze {
             return exploit().kept(ExploitRule::Frozen, ExplorationEstimate::default());

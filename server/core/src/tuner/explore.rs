@@ -68,7 +68,7 @@ impl Tuner {
                 self.walk().next_point((room, shares.as_slice()), state, planned)
             }
         };
-        let rule = match next {
+        let mut rule = match next {
             NextPoint::Measure(point, configuration) => {
                 return Explored::Candidate(self.walk().measure(state, number, point, configuration));
             }
@@ -88,7 +88,6 @@ impl Tuner {
             NextPoint::Wait if self.standings().is_over(room, state) => ExploitRule::Finished,
             NextPoint::Wait => ExploitRule::Waiting,
         };
-        let mut rule = rule;
         if rule == ExploitRule::Finished {
             if let Some(candidate) = self.racing().confirm(state, number, planned) {
                 return Explored::Candidate(candidate);
@@ -97,10 +96,10 @@ impl Tuner {
                 rule = ExploitRule::Waiting;
             }
         }
-        let best = self.best_known(state, None, planned);
-        let instead =
-            best.unwrap_or_else(|| self.exploiting(planned).measured_answer(normalised, Some(state)));
-        let instead = self.beside_start(instead, self.start_of(ask).as_ref(), Some(state), planned);
+        let exploiting = self.exploiting(planned);
+        let best = exploiting.best_known(state, None);
+        let instead = best.unwrap_or_else(|| exploiting.measured_answer(normalised, Some(state)));
+        let instead = exploiting.beside_start(instead, self.start_of(ask).as_ref(), Some(state));
         Explored::Nothing { instead, rule }
     }
 

@@ -61,7 +61,7 @@ impl Tuner {
         if !matches!(completed.outcome, Some(Outcome::Failed { .. })) {
             self.searches.forgive(state, &completed.configuration);
         }
-        self.stand_beside_start(completed, tried);
+        self.racing().stand_beside_start(completed, tried);
         let mut change = Change { trials: vec![completed.clone()], ..Change::default() };
         change.visits.extend(self.settle(completed));
         match completed.decision.fidelity {

@@ -157,7 +157,8 @@ impl Tuner {
         };
         if self.spec.policy.operation == Operation::Freeze {
             let (start, ground) = (self.start_of(ask), Ground::Measured);
-            let known = self.exploitation_from(start.as_ref(), normalised, Some(state), ground, planned);
+            let known =
+                self.exploiting(planned).exploitation(start.as_ref(), normalised, Some(state), ground);
             return known.by(ExploitRule::Frozen, ExplorationEstimate::default(), BudgetStatus::default());
         }
         let mut prediction = self.explore_within_budget(ask, number, normalised, state, decided, planned);

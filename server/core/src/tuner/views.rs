@@ -8,7 +8,6 @@ use crate::policy::PredictorMethod;
 use crate::predict::prequential::ErrorInterval;
 use crate::session::SessionPolicy;
 use crate::trial::{Fingerprint, Trial};
-use crate::tuner::decide::Ground;
 use crate::tuner::exploring::confirmation::Racing;
 use crate::tuner::exploring::exploiting::Exploiting;
 use crate::tuner::exploring::repeats::Repeats;
@@ -19,7 +18,6 @@ use crate::tuner::exploring::walk::Walk;
 use crate::tuner::knowledge::gain::GainEvidence;
 use crate::tuner::learning::Learning;
 use crate::tuner::plan::Planned;
-use crate::tuner::proposal::Exploitation;
 use crate::tuner::session::Wishes;
 use crate::tuner::{Ask, Best, Prediction, Question, StudyCounts, Tuner, TunerError, checks};
 
@@ -102,7 +100,7 @@ impl Tuner {
         let normalised = self.spec.indicators.normalise(indicators)?;
         let here = self.recognise_for(fingerprint, &normalised);
         let ground = self.wishes(&SessionPolicy::default()).ground();
-        let exploit = || self.exploitation_from(start, &normalised, here, ground, planned).asked();
+        let exploit = || self.exploiting(planned).exploitation(start, &normalised, here, ground).asked();
         let prediction = self.pinned().unwrap_or_else(exploit);
         Ok(Prediction { insight: here.map(|here| self.insight(here, start, planned)), ..prediction })
     }
@@ -144,27 +142,6 @@ impl Tuner {
 
     pub(super) fn exploiting<'a>(&'a self, planned: &'a Planned) -> Exploiting<'a> {
         Exploiting { standings: self.standings(), gain: self.gain(), transfer: self.transfer(), planned }
-    }
-
-    /// [`Exploiting::exploitation`].
-    pub(super) fn exploitation(
-        &self,
-        normalised: &[f64],
-        here: Option<StateId>,
-        ground: Ground,
-        planned: &Planned,
-    ) -> Exploitation {
-        self.exploiting(planned).exploitation(normalised, here, ground)
-    }
-
-    /// [`Exploiting::best_known`].
-    pub(super) fn best_known(
-        &self,
-        state: StateId,
-        start: Option<&Configuration>,
-        planned: &Planned,
-    ) -> Option<Exploitation> {
-        self.exploiting(planned).best_known(state, start)
     }
 
     pub(super) fn wishes<'a>(&'a self, session: &'a SessionPolicy) -> Wishes<'a> {

@@ -105,8 +105,8 @@ impl Tuner {
                 rolled_back: false,
             });
         }
-        let best = self.best_known(state, None, planned)?;
-        Some(self.beside_start(best, start.as_ref(), Some(state), planned))
+        let exploiting = self.exploiting(planned);
+        Some(exploiting.beside_start(exploiting.best_known(state, None)?, start.as_ref(), Some(state)))
     }
 }
 

@@ -14,6 +14,7 @@ use std::sync::Arc;
 use crate::decision::ExploredPoint;
 use crate::ids::{StateId, TrialNumber};
 use crate::limits::FAILURES_PER_CONFIGURATION_MAX;
+use crate::results::runs_start;
 use crate::statistics::confirm::{ERROR_MAX, PROVEN_ERROR_MAX, RaceResult};
 use crate::study::StudySpec;
 use crate::trial::{Outcome, Trial};
@@ -136,6 +137,25 @@ impl Racing<'_> {
         };
         if let Some(race) = self.searches.change(state).and_then(|own| own.confirming.as_mut()) {
             race.release(trial.number, finding);
+        }
+    }
+
+    /// Lets the race or the verdict of a state stand where a completed trial is the first result of a
+    /// client's start, unless that beats the incumbent. `tried` configurations had a verdict before.
+    pub(in crate::tuner) fn stand_beside_start(&mut self, completed: &Trial, tried: usize) {
+        let state = StateId(completed.state_id);
+        let (results, incumbent) = (self.states.results(state), self.standings().incumbent(state));
+        let is_new = runs_start(completed, self.spec.space.default_ref()) && results.tried() > tried;
+        let beats = results.ran(&completed.configuration).is_some_and(|start| {
+            results.ran(incumbent).is_none_or(|incumbent| results.beats(start, incumbent))
+        });
+        let races = self.standings().race(state).is_some();
+        if is_new
+            && !beats
+            && races
+            && let Some(race) = self.searches.change(state).and_then(|own| own.confirming.as_mut())
+        {
+            race.pass_over();
         }
     }
 }
