@@ -1,44 +1,14 @@
 //! The decision to explore or to exploit.
 
-use rand::RngExt;
-
 use crate::configuration::Configuration;
 use crate::decision::{Choice, ExploitRule, ExploitSource, ExplorationEstimate, ExploreRule};
-use crate::fnv;
 use crate::ids::StateId;
 use crate::policy::{Operation, PredictorMethod};
-use crate::randomness::{Purpose, stream};
 use crate::session::SessionPolicy;
 use crate::tuner::plan::Planned;
-use crate::tuner::proposal::Exploitation;
-use crate::tuner::{Ask, Prediction, Prospect, Tuner, VisitDecision};
-
-/// A client that stays for this number of frames divided by epsilon explores without a draw, unless the
-/// policy draws only once.
-const STAY_EXPLORES: f64 = 3.0;
-/// The length of the stay changes these bits of the number by which a visit's dice are thrown.
-const THROWS_SHIFT: u32 = 32;
-
-/// The grounds that an answer may rest on.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Ground {
-    /// Measurements alone: no client gets a configuration that was never run.
-    Measured,
-    /// A prediction as well, where it is worth its risk.
-    Predicted,
-}
-
-/// The course of a visit, as far as it follows without the exploited configuration.
-enum Course {
-    /// It explores.
-    Explore(ExplorationEstimate),
-    /// It exploits: the search is over.
-    Finished,
-    /// It exploits a configuration that is not known to fail: exploring does not pay.
-    Weighed(ExplorationEstimate),
-    /// It exploits what is known: so the dice fell.
-    Drawn(ExplorationEstimate),
-}
+use crate::tuner::proposal::{Exploitation, Ground};
+use crate::tuner::session::{Course, STAY_EXPLORES};
+use crate::tuner::{Ask, Prediction, Tuner, VisitDecision};
 
 impl Tuner {
     /// The pinned configuration, if the policy has one.
@@ -92,6 +62,7 @@ impl Tuner {
             return Some(visit.number + 1);
         }
         let (policy, stay) = (&self.spec.policy, self.history.stay(client_id, state));
+        let wishes = self.wishes(&ask.session_policy);
         let ends = match &visit.decision {
             VisitDecision::Explore { rule, estimate } => {
                 let results = self.states.results(state);
@@ -101,25 +72,23 @@ impl Tuner {
                 let is_weighed_again = match estimate.until {
                     Some(until) => tried >= until,
                     // A search to be confirmed may have been given a larger budget since.
-                    None => *rule == ExploreRule::Dice && !self.wishes(&ask.session_policy).is_spent(state),
+                    None => *rule == ExploreRule::Dice && !wishes.is_spent(state),
                 };
-                may_end && self.never_explores(&ask.session_policy) || policy.weigh_gain && is_weighed_again
+                may_end && wishes.never_explores() || policy.weigh_gain && is_weighed_again
             }
             VisitDecision::Exploit { configuration, exploit, .. } => {
                 let doubled = stay > 1 && stay.is_power_of_two();
-                let epsilon = || self.wishes(&ask.session_policy).epsilon(Some(state));
                 // A search that is over may still have to be confirmed by those who stay.
-                let stays = || stay as f64 * epsilon() >= STAY_EXPLORES;
+                let stays = || stay as f64 * wishes.epsilon(Some(state)) >= STAY_EXPLORES;
                 let by_dice = matches!(exploit.rule, ExploitRule::Dice | ExploitRule::RolledBack)
                     || exploit.rule == ExploitRule::Finished && stays();
                 let is_thrown_again =
-                    || by_dice && !policy.dice_once && self.explores(ask, visit.number, state);
-                let begins_again = exploit.rule == ExploitRule::Finished
-                    && !self.wishes(&ask.session_policy).is_spent(state);
+                    || by_dice && !policy.dice_once && wishes.explores(client_id, visit.number, state);
+                let begins_again = exploit.rule == ExploitRule::Finished && !wishes.is_spent(state);
                 let (rule, threw) = (exploit.rule, exploit.estimate.epsilon);
                 let is_outdated = rule == ExploitRule::Frozen && policy.operation == Operation::Tune
                     || rule == ExploitRule::Gain && !policy.weigh_gain
-                    || threw == Some(0.0) && !self.never_explores(&ask.session_policy);
+                    || threw == Some(0.0) && !wishes.never_explores();
                 self.states.results(state).fails(configuration)
                     || begins_again
                     || is_outdated
@@ -175,15 +144,15 @@ impl Tuner {
         state: StateId,
         planned: &Planned,
     ) -> VisitDecision {
-        let session = &ask.session_policy;
-        let (ground, start) = (self.wishes(session).ground(), self.start_of(ask));
+        let wishes = self.wishes(&ask.session_policy);
+        let (ground, start) = (wishes.ground(), self.start_of(ask));
         let exploiting = self.exploiting(planned);
         let exploit = || exploiting.exploitation(start.as_ref(), normalised, Some(state), ground);
         let fails = |would: &Exploitation| self.states.results(state).fails(&would.configuration);
         if self.spec.policy.operation == Operation::Freeze {
             return exploit().kept(ExploitRule::Frozen, ExplorationEstimate::default());
         }
-        let (would, estimate) = match self.course(ask, number, state) {
+        let (would, estimate) = match wishes.course(&ask.client_id, number, state) {
             Course::Explore(estimate) => return VisitDecision::Explore { rule: ExploreRule::Dice, estimate },
             Course::Finished => return exploit().kept(ExploitRule::Finished, ExplorationEstimate::default()),
             Course::Weighed(estimate) => {
@@ -195,64 +164,11 @@ impl Tuner {
             }
             Course::Drawn(estimate) => (exploit(), estimate),
         };
-        if would.source != ExploitSource::Default || self.never_explores(session) && !fails(&would) {
+        if would.source != ExploitSource::Default || wishes.never_explores() && !fails(&would) {
             // An open confirmation waits for clients on whom the dice fall.
-            let rule =
-                if self.wishes(session).is_spent(state) { ExploitRule::Finished } else { ExploitRule::Dice };
+            let rule = if wishes.is_spent(state) { ExploitRule::Finished } else { ExploitRule::Dice };
             return would.kept(rule, estimate);
         }
         VisitDecision::Explore { rule: ExploreRule::NothingKnown, estimate }
-    }
-
-    /// The course of visit `number` of a client to a state, in a study that is not frozen.
-    fn course(&self, ask: &Ask, number: u64, state: StateId) -> Course {
-        let (policy, session) = (&self.spec.policy, &ask.session_policy);
-        if self.wishes(session).is_finished(state) {
-            return Course::Finished;
-        }
-        let mut estimate = ExplorationEstimate {
-            epsilon: Some(self.wishes(session).epsilon(Some(state))),
-            ..ExplorationEstimate::default()
-        };
-        if !(policy.weigh_gain && session.epsilon.unwrap_or(policy.epsilon) > 0.0) {
-            let draws = self.draws(ask, number, Some(state));
-            return if draws { Course::Explore(estimate) } else { Course::Drawn(estimate) };
-        }
-        let Prospect { gain, frames, exploring_cost, trials } =
-            self.gain().prospect(&ask.client_id, state, self.wishes(session).room());
-        estimate.expected_gain = Some(gain);
-        estimate.expected_frames = Some(frames);
-        estimate.exploring_cost = Some(exploring_cost);
-        // A search that its budget ended is still to be confirmed.
-        if trials == 0 && !self.wishes(session).is_spent(state) {
-            return Course::Weighed(estimate);
-        }
-        let until = (self.states.results(state).tried() + trials) as u64;
-        estimate.until = (trials > 0).then_some(until);
-        Course::Explore(estimate)
-    }
-
-    /// Whether a client explores a state for which the decision of visit `number` is to be taken, as far as
-    /// that is known before the exploited configuration is.
-    pub(super) fn explores(&self, ask: &Ask, number: u64, state: StateId) -> bool {
-        matches!(self.course(ask, number, state), Course::Explore(_))
-    }
-
-    /// Whether the dice of visit `number` of a client to a state, known or not, fall on exploring.
-    pub(super) fn draws(&self, ask: &Ask, number: u64, state: Option<StateId>) -> bool {
-        if self.wishes(&ask.session_policy).explores_to_the_end() {
-            return true;
-        }
-        let epsilon = self.wishes(&ask.session_policy).epsilon(state);
-        let long = state.filter(|_| !self.spec.policy.dice_once);
-        let stay = long.map_or(0, |state| self.history.stay(&ask.client_id, state));
-        if stay as f64 * epsilon >= STAY_EXPLORES {
-            return true;
-        }
-        // A long stay throws them again, see `decides`.
-        let throw = if stay > 1 { number ^ (stay << THROWS_SHIFT) } else { number };
-        let client = fnv::hash(ask.client_id.bytes());
-        let draw: f64 = stream(self.spec.seed, Purpose::Decision, client, throw).random();
-        draw < epsilon
     }
 }

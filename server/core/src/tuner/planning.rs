@@ -15,12 +15,12 @@ use crate::search::AnySearch;
 use crate::session::SessionPolicy;
 use crate::trial::Fingerprint;
 use crate::tuner::budget::Terms;
-use crate::tuner::decide::Ground;
 use crate::tuner::exploring::exploiting::Exploiting;
 use crate::tuner::exploring::searches::is_spent;
 use crate::tuner::exploring::transfer::Transfer;
 use crate::tuner::knowledge::states::States;
 use crate::tuner::plan::{PlanRequest, Planned};
+use crate::tuner::proposal::Ground;
 use crate::tuner::{Ask, Question, Tuner, VisitDecision};
 
 impl Tuner {
@@ -58,7 +58,8 @@ impl Tuner {
         let transfer = Transfer { asking: Some((&machines, machine)), ..self.transfer() };
         let query = || transfer.query(normalised, here);
         let (predictor, predictors) = (policy.predictor, &self.models.predictors);
-        let ground = self.wishes(&ask.session_policy).ground();
+        let wishes = self.wishes(&ask.session_policy);
+        let ground = wishes.ground();
         let answer = || {
             if ground == Ground::Measured || !transfer.needs_predictor(here) {
                 return None;
@@ -71,9 +72,7 @@ impl Tuner {
         let first = || predictors.proposal(predictor, &query(), self.trials.last().0 + 1);
         let rival_of = here.filter(|&here| !self.standings().is_settled(here));
         let mut request = PlanRequest { rival_of, ..PlanRequest::nothing(&self.spec) };
-        let ends = |here: &StateId| {
-            self.wishes(&ask.session_policy).is_spent(*here) && self.standings().is_to_be_confirmed(*here)
-        };
+        let ends = |here: &StateId| wishes.is_spent(*here) && self.standings().is_to_be_confirmed(*here);
         let answers =
             if explores { here.filter(ends) } else { state_that_answers(&self.states, &query(), here) };
         request.assessment = answers.and_then(|state| self.standings().assessment_to_plan(state, None));
@@ -172,9 +171,10 @@ impl Tuner {
             return Some(false);
         }
         if let Some(number) = self.decides(ask, here) {
+            let wishes = self.wishes(&ask.session_policy);
             return Some(match here {
-                Some(here) => self.explores(ask, number, here),
-                None => policy.weigh_gain || self.draws(ask, number, None),
+                Some(here) => wishes.explores(&ask.client_id, number, here),
+                None => policy.weigh_gain || wishes.draws(&ask.client_id, number, None),
             });
         }
         let visit = self.visits.of(&ask.client_id);

@@ -1,11 +1,36 @@
-//! A session's own policy takes the place of the study's here, and nowhere else.
+//! A session's own policy takes the place of the study's here, and nowhere else. By it the dice of the
+//! epsilon-greedy decision are thrown.
 
+use rand::RngExt;
+
+use crate::decision::ExplorationEstimate;
+use crate::fnv;
 use crate::ids::{StateId, TrialNumber};
 use crate::policy::{Operation, Policy};
+use crate::randomness::{Purpose, stream};
 use crate::session::SessionPolicy;
-use crate::tuner::decide::Ground;
+use crate::tuner::Prospect;
 use crate::tuner::exploring::standings::Standings;
 use crate::tuner::knowledge::gain::GainEvidence;
+use crate::tuner::proposal::Ground;
+
+/// A client that stays for this number of frames divided by epsilon explores without a draw, unless the
+/// policy draws only once.
+pub(super) const STAY_EXPLORES: f64 = 3.0;
+/// The length of the stay changes these bits of the number by which a visit's dice are thrown.
+const THROWS_SHIFT: u32 = 32;
+
+/// The course of a visit, as far as it follows without the exploited configuration.
+pub(super) enum Course {
+    /// It explores.
+    Explore(ExplorationEstimate),
+    /// It exploits: the search is over.
+    Finished,
+    /// It exploits a configuration that is not known to fail: exploring does not pay.
+    Weighed(ExplorationEstimate),
+    /// It exploits what is known: so the dice fell.
+    Drawn(ExplorationEstimate),
+}
 
 /// The policy for a session: its own wishes before the study's.
 #[derive(Clone, Copy, Debug)]
@@ -85,5 +110,57 @@ impl Wishes<'_> {
             true => Ground::Measured,
             false => Ground::Predicted,
         }
+    }
+
+    /// The course of visit `number` of a client to a state, in a study that is not frozen.
+    pub(super) fn course(&self, client_id: &str, number: u64, state: StateId) -> Course {
+        let policy = self.policy();
+        if self.is_finished(state) {
+            return Course::Finished;
+        }
+        let mut estimate = ExplorationEstimate {
+            epsilon: Some(self.epsilon(Some(state))),
+            ..ExplorationEstimate::default()
+        };
+        if !(policy.weigh_gain && self.session.epsilon.unwrap_or(policy.epsilon) > 0.0) {
+            let draws = self.draws(client_id, number, Some(state));
+            return if draws { Course::Explore(estimate) } else { Course::Drawn(estimate) };
+        }
+        let Prospect { gain, frames, exploring_cost, trials } =
+            self.gain.prospect(client_id, state, self.room());
+        estimate.expected_gain = Some(gain);
+        estimate.expected_frames = Some(frames);
+        estimate.exploring_cost = Some(exploring_cost);
+        // A search that its budget ended is still to be confirmed.
+        if trials == 0 && !self.is_spent(state) {
+            return Course::Weighed(estimate);
+        }
+        let until = (self.standings.states.results(state).tried() + trials) as u64;
+        estimate.until = (trials > 0).then_some(until);
+        Course::Explore(estimate)
+    }
+
+    /// Whether a client explores a state for which the decision of visit `number` is to be taken, as far as
+    /// that is known before the exploited configuration is.
+    pub(super) fn explores(&self, client_id: &str, number: u64, state: StateId) -> bool {
+        matches!(self.course(client_id, number, state), Course::Explore(_))
+    }
+
+    /// Whether the dice of visit `number` of a client to a state, known or not, fall on exploring.
+    pub(super) fn draws(&self, client_id: &str, number: u64, state: Option<StateId>) -> bool {
+        if self.explores_to_the_end() {
+            return true;
+        }
+        let epsilon = self.epsilon(state);
+        let long = state.filter(|_| !self.policy().dice_once);
+        let stay = long.map_or(0, |state| self.gain.history.stay(client_id, state));
+        if stay as f64 * epsilon >= STAY_EXPLORES {
+            return true;
+        }
+        // A long stay throws them again, see `Tuner::decides`.
+        let throw = if stay > 1 { number ^ (stay << THROWS_SHIFT) } else { number };
+        let client = fnv::hash(client_id.bytes());
+        let draw: f64 = stream(self.standings.spec.seed, Purpose::Decision, client, throw).random();
+        draw < epsilon
     }
 }

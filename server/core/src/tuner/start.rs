@@ -44,7 +44,8 @@ impl Tuner {
         let visit = self.visits.of(&ask.client_id);
         let exploits = visit.is_some_and(|visit| matches!(visit.decision, VisitDecision::Exploit { .. }));
         let is_needed = !exploits || results.best().is_some();
-        let may = self.spec.policy.operation == Operation::Tune && !self.never_explores(&ask.session_policy);
+        let may = self.spec.policy.operation == Operation::Tune
+            && !self.wishes(&ask.session_policy).never_explores();
         let is_known = results.ran(&start).is_some() || self.trials.runs(state, &start);
         if !(is_needed && may) || is_known {
             return None;

@@ -5,8 +5,8 @@ use crate::ids::{StateId, TrialNumber};
 use crate::limits::{CLIENTS_MAX, OPEN_TRIALS_PER_CLIENT_MAX, STATES_MAX, STATES_OF_NEW_MACHINES_MAX};
 use crate::policy::Operation;
 use crate::trial::{Mode, Rule, Trial, TrialState};
-use crate::tuner::decide::Ground;
 use crate::tuner::plan::Planned;
+use crate::tuner::proposal::Ground;
 use crate::tuner::{Ask, Change, Prediction, Question, Tuner, TunerError, Visit, VisitDecision};
 
 impl Tuner {
@@ -120,7 +120,7 @@ impl Tuner {
                 // A session that explores no more runs it to its end only if it has shown that it runs it, or
                 // if nothing else was known.
                 let is_wanted = trial.decision.heartbeat
-                    || !self.never_explores(&ask.session_policy)
+                    || !self.wishes(&ask.session_policy).never_explores()
                     || trial.decision.rule() == Some(Rule::NothingKnown);
                 policy.operation == Operation::Tune && is_wanted && policy.regret_budget.is_none_or(covers)
             }

@@ -148,11 +148,6 @@ impl Tuner {
         Wishes { session, standings: self.standings(), gain: self.gain() }
     }
 
-    /// Whether a session never explores, as long as anything else can be run.
-    pub(super) fn never_explores(&self, session: &SessionPolicy) -> bool {
-        self.wishes(session).never_explores()
-    }
-
     pub(super) fn transfer(&self) -> Transfer<'_> {
         let Tuner { spec, states, searches, trials, models, .. } = self;
         Transfer { spec, states, searches, trials, models, asking: None }

@@ -130,8 +130,7 @@ impl Walk<'_> {
         if let Some(point) = planned.take_point(state) {
             search.adopt(point);
         }
-        let mut waiting = Vec::new();
-        let mut walk = NextPoint::OnlyKnown;
+        let (mut waiting, mut walk) = (Vec::new(), NextPoint::OnlyKnown);
         for _ in 0..KNOWN_POINTS_PER_SUGGESTION_MAX {
             let is_at_hand = planned.is_at_once() || search.is_ready();
             let Some(point) = (if is_at_hand { search.ask() } else { search.ask_at_once() }) else {
