@@ -1,12 +1,11 @@
 //! The decision to explore or to exploit.
 
-use crate::configuration::Configuration;
 use crate::decision::{Choice, ExploitRule, ExploitSource, ExplorationEstimate, ExploreRule};
 use crate::ids::StateId;
-use crate::policy::{Operation, PredictorMethod};
+use crate::policy::Operation;
 use crate::session::SessionPolicy;
 use crate::tuner::plan::Planned;
-use crate::tuner::proposal::{Exploitation, Ground};
+use crate::tuner::proposal::Exploitation;
 use crate::tuner::session::{Course, STAY_EXPLORES};
 use crate::tuner::{Ask, Prediction, Tuner, VisitDecision};
 
@@ -30,7 +29,7 @@ impl Tuner {
             return None;
         }
         let ground = self.wishes(&SessionPolicy::default()).ground();
-        let start = self.usable_start(ask, state);
+        let start = self.start_of(ask).filter(|start| self.standings().may_run_start(state, start));
         let would = self.exploiting(planned).exploitation(start.as_ref(), normalised, Some(state), ground);
         let configuration = start.unwrap_or_else(|| self.spec.space.default_configuration());
         let predicted_cost = self.states.cost_of(state, &configuration);
@@ -77,7 +76,7 @@ impl Tuner {
                 may_end && wishes.never_explores() || policy.weigh_gain && is_weighed_again
             }
             VisitDecision::Exploit { configuration, exploit, .. } => {
-                let doubled = stay > 1 && stay.is_power_of_two();
+                let (doubled, start) = (stay > 1 && stay.is_power_of_two(), self.start_of(ask));
                 // A search that is over may still have to be confirmed by those who stay.
                 let stays = || stay as f64 * wishes.epsilon(Some(state)) >= STAY_EXPLORES;
                 let by_dice = matches!(exploit.rule, ExploitRule::Dice | ExploitRule::RolledBack)
@@ -92,8 +91,8 @@ impl Tuner {
                 self.states.results(state).fails(configuration)
                     || begins_again
                     || is_outdated
-                    || self.has_new_start(ask, state, visit.since)
-                    || self.is_unfounded(ask, state, configuration, &exploit.source)
+                    || self.standings().has_new_start(state, start.as_ref(), visit.since)
+                    || wishes.is_unfounded(state, (configuration, &exploit.source), start.as_ref())
                     || policy.roll_back && self.gain().does_clearly_worse(state, configuration)
                     || doubled
                         && (exploit.rule == ExploitRule::Gain && policy.weigh_gain || is_thrown_again())
@@ -111,25 +110,6 @@ impl Tuner {
             && ask.session_policy.epsilon.unwrap_or(policy.epsilon) > 0.0
             && self.wishes(&ask.session_policy).is_finished(state)
             && self.rechecks.wanted(&ask.client_id, state).is_some()
-    }
-
-    /// Whether a kept configuration was never run in a state while only measurements count: something else
-    /// ran there, or nothing but a model names it.
-    fn is_unfounded(
-        &self,
-        ask: &Ask,
-        state: StateId,
-        configuration: &Configuration,
-        source: &ExploitSource,
-    ) -> bool {
-        let results = self.states.results(state);
-        // The nearest neighbour names what ran in another state.
-        let nearest = PredictorMethod::NearestNeighbour;
-        let is_modelled = matches!(source, ExploitSource::Predictor(by) if by.predictor != nearest);
-        self.wishes(&ask.session_policy).ground() == Ground::Measured
-            && (results.best().is_some() || is_modelled)
-            && results.ran(configuration).is_none()
-            && self.start_of(ask).as_ref() != Some(configuration)
     }
 
     /// The epsilon-greedy decision for visit `number` of a client to a state (paper section 6).

@@ -14,7 +14,6 @@ use crate::predict::{ComputedUpdates, DeferredUpdates, Predictor, Query};
 use crate::search::AnySearch;
 use crate::session::SessionPolicy;
 use crate::trial::Fingerprint;
-use crate::tuner::budget::Terms;
 use crate::tuner::exploring::exploiting::Exploiting;
 use crate::tuner::exploring::searches::is_spent;
 use crate::tuner::exploring::transfer::Transfer;
@@ -98,7 +97,7 @@ impl Tuner {
                 if begins
                     && transfer.warms_up_searches()
                     && transfer.untried_by_machines(here).is_none()
-                    && self.affords(ask, here)
+                    && self.visits.affords(policy, ask, self.standings().default_runs(here))
                 {
                     request.evidence = Some((Some(here), transfer.evidence(here)));
                 }
@@ -205,19 +204,12 @@ impl Tuner {
             && !search.is_ready()
             && !is_spent(exploration, results, policy, room)
             && self.transfer().untried_by_machines(state).is_none();
-        if !goes_on || !self.affords(ask, state) {
+        if !goes_on || !self.visits.affords(policy, ask, self.standings().default_runs(state)) {
             return None;
         }
         // Where others work on the state too, some of them will ask before the next fit ends.
         let reserve = exploration.open.len().min(POINTS_IN_RESERVE_MAX);
         Some((state, Box::new(search.into_owned()), reserve))
-    }
-
-    /// Whether the client's budget, if it has one, allows for exploring.
-    fn affords(&self, ask: &Ask, state: StateId) -> bool {
-        let account = self.visits.account(&ask.client_id);
-        let Some((terms, account)) = Terms::of(&self.spec.policy).zip(account) else { return true };
-        account.leave(terms, ask.can_abort, self.standings().default_runs(state)).is_ok()
     }
 }
 

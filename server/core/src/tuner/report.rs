@@ -1,12 +1,9 @@
 //! The second half of a client's frame, and the other ends of a trial.
 
-use crate::decision::{BudgetStatus, Choice, Exploit, ExploitRule, ExploitSource, Explore};
 use crate::ids::{StateId, TrialNumber};
-use crate::policy::Policy;
 use crate::trial::{Outcome, Trial, TrialState};
-use crate::tuner::budget::Terms;
 use crate::tuner::learning::LearntCost;
-use crate::tuner::{Change, Tuner, TunerError, Visit};
+use crate::tuner::{Change, Tuner, TunerError};
 
 impl Tuner {
     /// A trial with its result, which the caller has checked.
@@ -63,7 +60,7 @@ impl Tuner {
         }
         self.racing().stand_beside_start(completed, tried);
         let mut change = Change { trials: vec![completed.clone()], ..Change::default() };
-        change.visits.extend(self.settle(completed));
+        change.visits.extend(self.visits.settle(&self.spec, completed));
         match completed.decision.fidelity {
             Some(_) => self.telling().tell_cheaper(completed),
             None => self.telling().tell_in_full(completed, &learnt),
@@ -82,15 +79,6 @@ impl Tuner {
         self.last_completion = completed.completion.unwrap_or(self.last_completion + 1);
         assert!(self.last_completion > before, "completion {} after {before}", self.last_completion);
         self.learning().learn(completed)
-    }
-
-    /// Enters a completed trial into its client's account; the row of the visit, if there is one.
-    fn settle(&mut self, trial: &Trial) -> Option<Visit> {
-        let is_default = trial.configuration == *self.spec.space.default_ref() || runs_as_default(trial);
-        let most = most_charged(&self.spec.policy, trial);
-        let account = self.visits.account_mut(&trial.client_id)?;
-        account.report(trial.number, trial.state_id, trial.cost.map(|cost| cost.min(most)), is_default);
-        self.visits.of(&trial.client_id).cloned()
     }
 
     /// Takes an open trial out unmeasured and gives its point back.
@@ -112,24 +100,4 @@ impl Tuner {
     pub(super) fn is_ours(&self, trial: &Trial) -> bool {
         trial.number <= self.trials.last().0 && self.states.contains(StateId(trial.state_id))
     }
-}
-
-/// Whether a trial runs its client's start as others run the default: it is a reference for a budget.
-fn runs_as_default(trial: &Trial) -> bool {
-    let is_reference =
-        |one: &Exploit| one.source == ExploitSource::Default && one.rule == ExploitRule::Budget;
-    trial.decision.measures_start()
-        || matches!(&trial.decision.choice, Choice::Exploit(exploit) if is_reference(exploit))
-}
-
-/// The most that a trial is charged: the assumed worst for an incumbent, which is not stopped.
-fn most_charged(policy: &Policy, trial: &Trial) -> f64 {
-    let reference = match &trial.decision.choice {
-        Choice::Explore(Explore {
-            budget: BudgetStatus { set_aside: Some(_), reference_cost, .. }, ..
-        }) if !trial.decision.explores() => *reference_cost,
-        _ => None,
-    };
-    let terms = Terms::of(policy);
-    terms.zip(reference).map_or(f64::INFINITY, |(terms, reference)| terms.worst(reference))
 }

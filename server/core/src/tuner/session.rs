@@ -3,10 +3,11 @@
 
 use rand::RngExt;
 
-use crate::decision::ExplorationEstimate;
+use crate::configuration::Configuration;
+use crate::decision::{ExploitSource, ExplorationEstimate};
 use crate::fnv;
 use crate::ids::{StateId, TrialNumber};
-use crate::policy::{Operation, Policy};
+use crate::policy::{Operation, Policy, PredictorMethod};
 use crate::randomness::{Purpose, stream};
 use crate::session::SessionPolicy;
 use crate::tuner::Prospect;
@@ -110,6 +111,24 @@ impl Wishes<'_> {
             true => Ground::Measured,
             false => Ground::Predicted,
         }
+    }
+
+    /// Whether a kept configuration was never run in a state while only measurements count: something else
+    /// ran there, or nothing but a model names it.
+    pub(super) fn is_unfounded(
+        &self,
+        state: StateId,
+        (configuration, source): (&Configuration, &ExploitSource),
+        start: Option<&Configuration>,
+    ) -> bool {
+        let results = self.standings.states.results(state);
+        // The nearest neighbour names what ran in another state.
+        let nearest = PredictorMethod::NearestNeighbour;
+        let is_modelled = matches!(source, ExploitSource::Predictor(by) if by.predictor != nearest);
+        self.ground() == Ground::Measured
+            && (results.best().is_some() || is_modelled)
+            && results.ran(configuration).is_none()
+            && start != Some(configuration)
     }
 
     /// The course of visit `number` of a client to a state, in a study that is not frozen.

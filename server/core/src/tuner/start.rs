@@ -9,7 +9,6 @@
 use crate::configuration::{Configuration, RawConfiguration};
 use crate::decision::{BudgetStatus, Choice, ExplorationEstimate, Explore, ExploreRule, ExploredPoint};
 use crate::ids::StateId;
-use crate::limits::LEASES_LOST_MAX;
 use crate::policy::Operation;
 use crate::tuner::{Ask, Prediction, Tuner, TunerError, VisitDecision};
 
@@ -29,17 +28,11 @@ impl Tuner {
         self.checked_start(ask.start.as_ref()).ok().flatten()
     }
 
-    /// A client's start, unless it is known to fail in a state or was lost there too often.
-    pub(super) fn usable_start(&self, ask: &Ask, state: StateId) -> Option<Configuration> {
-        let is_lost = |start: &Configuration| self.searches.lost_starts(state, start) >= LEASES_LOST_MAX;
-        self.start_of(ask).filter(|start| !self.states.results(state).fails(start) && !is_lost(start))
-    }
-
     /// The trial of a client's start, where that has to be compared with what else ran in the state, or where
     /// the client explores. Nobody measures it twice, or again where it failed or was lost too often. A
     /// session that never explores measures nothing for that.
     pub(super) fn start_first(&self, ask: &Ask, state: StateId) -> Option<Prediction> {
-        let start = self.usable_start(ask, state)?;
+        let start = self.start_of(ask).filter(|start| self.standings().may_run_start(state, start))?;
         let results = self.states.results(state);
         let visit = self.visits.of(&ask.client_id);
         let exploits = visit.is_some_and(|visit| matches!(visit.decision, VisitDecision::Exploit { .. }));
@@ -59,13 +52,5 @@ impl Tuner {
         };
         let decision = Choice::Explore(explore).decided();
         Some(Prediction { configuration: start, predicted_cost: None, decision, insight: None })
-    }
-
-    /// Whether a client's start ran in a state for the first time after trial `since`, so that what was
-    /// decided then has to be decided again.
-    pub(super) fn has_new_start(&self, ask: &Ask, state: StateId, since: u64) -> bool {
-        let Some(start) = self.start_of(ask) else { return false };
-        let record = self.states.results(state).ran(&start);
-        record.is_some_and(|record| record.measurements == 1 && record.last_trial > since)
     }
 }

@@ -94,7 +94,7 @@ impl Tuner {
     /// start, once in each stay, as a reference for the cost of exploring, then the best measured there.
     /// `None` where there is neither.
     fn baseline(&self, ask: &Ask, denied: Denied, state: StateId, planned: &Planned) -> Option<Exploitation> {
-        let start = self.usable_start(ask, state);
+        let start = self.start_of(ask).filter(|start| self.standings().may_run_start(state, start));
         if matches!(denied, Denied::NoReference) && (start.is_some() || self.standings().default_runs(state))
         {
             let configuration = start.unwrap_or_else(|| self.spec.space.default_configuration());

@@ -7,10 +7,13 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use crate::decision::ExploitRule;
+use crate::decision::{BudgetStatus, Choice, Exploit, ExploitRule, ExploitSource, Explore};
 use crate::ids::{StateId, TrialNumber};
 use crate::policy::{Operation, Policy};
 use crate::session::SessionPolicy;
+use crate::study::StudySpec;
+use crate::trial::Trial;
+use crate::tuner::budget::Terms;
 use crate::tuner::{Account, Ask, Visit, VisitDecision};
 
 #[derive(Clone, Debug, Default)]
@@ -90,6 +93,21 @@ impl Visits {
 
     pub(in crate::tuner) fn account_mut(&mut self, client_id: &str) -> Option<&mut Account> {
         self.by_client.get_mut(client_id)?.account.as_mut()
+    }
+
+    /// Whether a client's budget, if it has one, allows for exploring, where the default runs or where not.
+    pub(in crate::tuner) fn affords(&self, policy: &Policy, ask: &Ask, default_runs: bool) -> bool {
+        let account = Terms::of(policy).zip(self.account(&ask.client_id));
+        account.is_none_or(|(terms, account)| account.leave(terms, ask.can_abort, default_runs).is_ok())
+    }
+
+    /// Enters a completed trial into its client's account; the row of the visit, if there is one.
+    pub(in crate::tuner) fn settle(&mut self, spec: &StudySpec, trial: &Trial) -> Option<Visit> {
+        let is_default = trial.configuration == *spec.space.default_ref() || runs_as_default(trial);
+        let most = most_charged(&spec.policy, trial);
+        let account = self.account_mut(&trial.client_id)?;
+        account.report(trial.number, trial.state_id, trial.cost.map(|cost| cost.min(most)), is_default);
+        self.of(&trial.client_id).cloned()
     }
 
     /// For how many trials the client that came to a state last wants it to be searched, if it says so.
@@ -186,12 +204,32 @@ impl Visits {
     }
 }
 
+/// Whether a trial runs its client's start as others run the default: it is a reference for a budget.
+fn runs_as_default(trial: &Trial) -> bool {
+    let is_reference =
+        |one: &Exploit| one.source == ExploitSource::Default && one.rule == ExploitRule::Budget;
+    trial.decision.measures_start()
+        || matches!(&trial.decision.choice, Choice::Exploit(exploit) if is_reference(exploit))
+}
+
+/// The most that a trial is charged: the assumed worst for an incumbent, which is not stopped.
+fn most_charged(policy: &Policy, trial: &Trial) -> f64 {
+    let reference = match &trial.decision.choice {
+        Choice::Explore(Explore {
+            budget: BudgetStatus { set_aside: Some(_), reference_cost, .. }, ..
+        }) if !trial.decision.explores() => *reference_cost,
+        _ => None,
+    };
+    let terms = Terms::of(policy);
+    terms.zip(reference).map_or(f64::INFINITY, |(terms, reference)| terms.worst(reference))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::decision::{ExploitSource, ExplorationEstimate, ExploreRule};
+    use crate::decision::{ExplorationEstimate, ExploreRule};
     use crate::space::Space;
-    use crate::tuner::budget::{Denied, Terms};
+    use crate::tuner::budget::Denied;
     use crate::tuner::proposal::Exploitation;
 
     /// A visit that explores.

@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use crate::configuration::Configuration;
 use crate::ids::StateId;
+use crate::limits::LEASES_LOST_MAX;
 use crate::policy::Operation;
 use crate::results::Record;
 use crate::search::Verdict;
@@ -58,6 +59,24 @@ impl<'a> Standings<'a> {
         start: Option<&'s Configuration>,
     ) -> Option<&'s Configuration> {
         start.filter(|start| self.states.results(state).ran(start).is_some())
+    }
+
+    /// Whether a start is not known to fail in a state, and was not lost there too often.
+    pub(in crate::tuner) fn may_run_start(&self, state: StateId, start: &Configuration) -> bool {
+        let is_lost = self.searches.lost_starts(state, start) >= LEASES_LOST_MAX;
+        !is_lost && !self.states.results(state).fails(start)
+    }
+
+    /// Whether a start ran in a state for the first time after trial `since`, so that what was decided then
+    /// has to be decided again.
+    pub(in crate::tuner) fn has_new_start(
+        &self,
+        state: StateId,
+        start: Option<&Configuration>,
+        since: u64,
+    ) -> bool {
+        let record = start.and_then(|start| self.states.results(state).ran(start));
+        record.is_some_and(|record| record.measurements == 1 && record.last_trial > since)
     }
 
     /// Whether the default can be run in a state, as far as is known.
