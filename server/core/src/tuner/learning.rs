@@ -16,20 +16,7 @@ use crate::tuner::knowledge::models::Models;
 use crate::tuner::knowledge::rechecks::{Moved, Rechecks};
 use crate::tuner::knowledge::speeds::{Speeds, Unheld};
 use crate::tuner::knowledge::states::States;
-use crate::tuner::knowledge::{models, progress};
-
-/// The learnt cost of a completed trial.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct LearntCost {
-    /// Its cost as the table has it.
-    pub(super) cost: Option<f64>,
-    /// The believed cost: it is drawn in where it lies far from all others.
-    pub(super) believed: Option<f64>,
-    /// The speed of its client's machine was found to have jumped.
-    pub(super) has_jumped: bool,
-    /// The costs of the state were found to have changed.
-    pub(super) has_changed: bool,
-}
+use crate::tuner::knowledge::{LearntCost, models, progress};
 
 /// The parts that learn.
 #[derive(Debug)]

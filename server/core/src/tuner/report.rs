@@ -2,7 +2,7 @@
 
 use crate::ids::{StateId, TrialNumber};
 use crate::trial::{Outcome, Trial, TrialState};
-use crate::tuner::learning::LearntCost;
+use crate::tuner::knowledge::LearntCost;
 use crate::tuner::{Change, Tuner, TunerError};
 
 impl Tuner {

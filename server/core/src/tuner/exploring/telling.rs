@@ -13,10 +13,10 @@ use crate::trial::{Outcome, Trial};
 use crate::tuner::Exploration;
 use crate::tuner::exploring::confirmation::Racing;
 use crate::tuner::exploring::searches::{Searches, is_spent};
+use crate::tuner::knowledge::LearntCost;
 use crate::tuner::knowledge::assessment::Assessments;
 use crate::tuner::knowledge::speeds::Speeds;
 use crate::tuner::knowledge::states::States;
-use crate::tuner::learning::LearntCost;
 
 /// The searches and races that wait for results.
 #[derive(Debug)]
