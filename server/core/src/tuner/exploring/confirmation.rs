@@ -29,11 +29,11 @@ use crate::tuner::proposal::ProposedTrial;
 
 /// The races of all states.
 #[derive(Debug)]
-pub(in crate::tuner) struct Racing<'a> {
-    pub(in crate::tuner) spec: &'a Arc<StudySpec>,
-    pub(in crate::tuner) states: &'a States,
-    pub(in crate::tuner) searches: &'a mut Searches,
-    pub(in crate::tuner) assessments: &'a Assessments,
+pub(crate) struct Racing<'a> {
+    pub(crate) spec: &'a Arc<StudySpec>,
+    pub(crate) states: &'a States,
+    pub(crate) searches: &'a mut Searches,
+    pub(crate) assessments: &'a Assessments,
 }
 
 impl Racing<'_> {
@@ -44,7 +44,7 @@ impl Racing<'_> {
 
     /// The next measurement of a state's confirmation, in a state whose search is at its end. `None` where
     /// the confirmation is over, or waits for other clients' measurements.
-    pub(in crate::tuner) fn confirm(
+    pub(crate) fn confirm(
         &mut self,
         state: StateId,
         number: TrialNumber,
@@ -108,7 +108,7 @@ impl Racing<'_> {
     }
 
     /// Enters the result of a completed trial into the race; its cost is `learnt`.
-    pub(in crate::tuner) fn tell_race(&mut self, trial: &Trial, learnt: Option<f64>) {
+    pub(crate) fn tell_race(&mut self, trial: &Trial, learnt: Option<f64>) {
         let state = StateId(trial.state_id);
         if !self.standings().race(state).is_some_and(|race| race.open.contains_key(&trial.number)) {
             return;
@@ -142,7 +142,7 @@ impl Racing<'_> {
 
     /// Lets the race or the verdict of a state stand where a completed trial is the first result of a
     /// client's start, unless that beats the incumbent. `tried` configurations had a verdict before.
-    pub(in crate::tuner) fn stand_beside_start(&mut self, completed: &Trial, tried: usize) {
+    pub(crate) fn stand_beside_start(&mut self, completed: &Trial, tried: usize) {
         let state = StateId(completed.state_id);
         let (results, incumbent) = (self.states.results(state), self.standings().incumbent(state));
         let is_new = runs_start(completed, self.spec.space.default_ref()) && results.tried() > tried;

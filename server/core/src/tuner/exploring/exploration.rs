@@ -18,7 +18,7 @@ use crate::tuner::knowledge::Stored;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Exploration {
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub(in crate::tuner) search: Option<AnySearch>,
+    pub(crate) search: Option<AnySearch>,
     /// The number of a dropped search's answers that added no configuration.
     #[serde(default, skip_serializing_if = "is_default")]
     repeats: u64,
@@ -26,20 +26,20 @@ pub struct Exploration {
     #[serde(default, skip_serializing_if = "is_default")]
     room: u32,
     /// The point of the search that each open trial measures, by trial number.
-    pub(in crate::tuner) open: BTreeMap<u64, u64>,
+    pub(crate) open: BTreeMap<u64, u64>,
     /// The race of the best few against the incumbent, once the search is over.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub(in crate::tuner) confirming: Option<Confirming>,
+    pub(crate) confirming: Option<Confirming>,
     /// The incumbent where that is not the default configuration: proven better here, or expected to be by
     /// other states.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub(in crate::tuner) confirmed: Option<Stored>,
+    pub(crate) confirmed: Option<Stored>,
     /// Leases that were lost in the state, of configurations that were never measured there; the latest last.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     lost: Vec<LostLeases>,
     /// The cost of all trials at cheaper levels, in full trials.
     #[serde(default, skip_serializing_if = "is_default")]
-    pub(in crate::tuner) cheaper_trials: f64,
+    pub(crate) cheaper_trials: f64,
     /// No search was begun yet.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     is_unbegun: bool,
@@ -61,14 +61,14 @@ impl LostLeases {
 }
 
 impl Exploration {
-    pub(in crate::tuner) fn new(search: AnySearch) -> Self {
+    pub(crate) fn new(search: AnySearch) -> Self {
         let begun = Exploration { search: Some(search), is_unbegun: false, ..Exploration::unbegun() };
         assert!(begun.is_begun() && begun.open.is_empty(), "a search that has just begun");
         begun
     }
 
     /// Of a state in which no search was begun.
-    pub(in crate::tuner) fn unbegun() -> Self {
+    pub(crate) fn unbegun() -> Self {
         Exploration {
             search: None,
             repeats: 0,
@@ -83,26 +83,26 @@ impl Exploration {
     }
 
     /// Whether a search was begun; it may be over.
-    pub(in crate::tuner) fn is_begun(&self) -> bool {
+    pub(crate) fn is_begun(&self) -> bool {
         !self.is_unbegun
     }
 
     /// Replaces the search by a new one. Lost leases and the cost of trials at cheaper levels are remembered.
-    pub(in crate::tuner) fn restart(&mut self, search: AnySearch) {
+    pub(crate) fn restart(&mut self, search: AnySearch) {
         let (lost, cheaper_trials) = (std::mem::take(&mut self.lost), self.cheaper_trials);
         let (confirming, confirmed) = (self.confirming.take(), self.confirmed.take());
         *self = Exploration { lost, cheaper_trials, confirming, confirmed, ..Exploration::new(search) };
     }
 
     /// Forgets the search and its confirmed winner. Lost leases are remembered.
-    pub(in crate::tuner) fn forget_search(&mut self) {
+    pub(crate) fn forget_search(&mut self) {
         *self = Exploration { lost: std::mem::take(&mut self.lost), ..Exploration::unbegun() };
         assert!(!self.is_begun() && self.confirmed.is_none(), "nothing is left of the search");
     }
 
     /// Drops the search, and where results of its own state are `disowned` also the race, its winner and the
     /// cost of trials at cheaper levels. Another search begins with the rest of the table.
-    pub(in crate::tuner) fn disbelieve(&mut self, disowned: bool) {
+    pub(crate) fn disbelieve(&mut self, disowned: bool) {
         self.end();
         if disowned {
             (self.confirming, self.confirmed, self.cheaper_trials) = (None, None, 0.0);
@@ -110,13 +110,13 @@ impl Exploration {
     }
 
     /// The number of lost leases of a configuration, as a client's start or as any other.
-    pub(in crate::tuner) fn lost(&self, configuration: &Configuration, is_start: bool) -> u32 {
+    pub(crate) fn lost(&self, configuration: &Configuration, is_start: bool) -> u32 {
         let lost = self.lost.iter().find(|lost| lost.are_of(configuration, is_start));
         lost.map_or(0, |lost| lost.count)
     }
 
     /// Notes a lost lease of a configuration, and returns their number.
-    pub(in crate::tuner) fn note_lost(&mut self, configuration: &Configuration, is_start: bool) -> u32 {
+    pub(crate) fn note_lost(&mut self, configuration: &Configuration, is_start: bool) -> u32 {
         let count = self.lost(configuration, is_start) + 1;
         self.lost.retain(|lost| !lost.are_of(configuration, is_start));
         if self.lost.len() >= LOST_CONFIGURATIONS_MAX {
@@ -128,28 +128,28 @@ impl Exploration {
     }
 
     /// Forgets the lost leases of a configuration that has a result now.
-    pub(in crate::tuner) fn forgive(&mut self, configuration: &Configuration) {
+    pub(crate) fn forgive(&mut self, configuration: &Configuration) {
         self.lost.retain(|lost| lost.configuration != *configuration.values());
         assert_eq!(self.lost(configuration, false), 0, "the leases are forgotten");
     }
 
     /// Notes that a session wants the search to go on for `room` runs.
-    pub(in crate::tuner) fn make_room(&mut self, room: usize) {
+    pub(crate) fn make_room(&mut self, room: usize) {
         self.room = self.room.max(u32::try_from(room).unwrap_or(u32::MAX));
     }
 
     /// The largest number of runs that a session wanted.
-    pub(in crate::tuner) fn room(&self) -> usize {
+    pub(crate) fn room(&self) -> usize {
         self.room as usize
     }
 
     /// The number of answers that added no configuration.
-    pub(in crate::tuner) fn repeats(&self) -> u64 {
+    pub(crate) fn repeats(&self) -> u64 {
         self.search.as_ref().map_or(self.repeats, |search| search.repeats())
     }
 
     /// Drops the search.
-    pub(in crate::tuner) fn end(&mut self) {
+    pub(crate) fn end(&mut self) {
         let repeats = self.repeats();
         self.repeats = repeats;
         self.search = None;
@@ -157,13 +157,13 @@ impl Exploration {
     }
 
     /// Whether the configurations that it names are of the space.
-    pub(in crate::tuner) fn fits(&self, space: &Space) -> bool {
+    pub(crate) fn fits(&self, space: &Space) -> bool {
         self.confirming.as_ref().is_none_or(|race| race.fits(space))
             && self.confirmed.as_ref().is_none_or(|confirmed| space.owns(&confirmed.0))
     }
 
     /// Whether a trial runs a contender of the race.
-    pub(in crate::tuner) fn confirms(&self, trial: u64) -> bool {
+    pub(crate) fn confirms(&self, trial: u64) -> bool {
         self.confirming.as_ref().is_some_and(|race| race.runs(trial))
     }
 
@@ -179,7 +179,7 @@ impl Exploration {
 
     /// Ends the hold of a trial at a cheaper level, which cost `share` of a full one, on its point. Without a
     /// verdict it failed.
-    pub(in crate::tuner) fn release_cheaper(&mut self, trial: u64, share: f64, verdict: Option<Verdict>) {
+    pub(crate) fn release_cheaper(&mut self, trial: u64, share: f64, verdict: Option<Verdict>) {
         assert!(share > 0.0 && share < 1.0, "a level that costs {share} of a full trial");
         self.cheaper_trials += share;
         if let (Some(point), Some(search)) = (self.open.remove(&trial), &mut self.search) {
@@ -189,7 +189,7 @@ impl Exploration {
 
     /// Ends the trial's hold on its point: the point is answered, or without feedback goes back and is
     /// asked again. `false` when the trial carried no point.
-    pub(in crate::tuner) fn release(&mut self, trial: u64, feedback: Option<Feedback>) -> bool {
+    pub(crate) fn release(&mut self, trial: u64, feedback: Option<Feedback>) -> bool {
         if let Some(race) = &mut self.confirming {
             race.release(trial, None);
         }

@@ -23,25 +23,25 @@ const NOISE_MAX: f64 = 0.5;
 
 /// Every configuration of a space, where they are few.
 #[derive(Clone, Debug, Default)]
-pub(in crate::tuner) struct FewConfigurations(Option<Arc<[Configuration]>>);
+pub(crate) struct FewConfigurations(Option<Arc<[Configuration]>>);
 
 impl FewConfigurations {
-    pub(in crate::tuner) fn of(space: &Space) -> Self {
+    pub(crate) fn of(space: &Space) -> Self {
         FewConfigurations(space.enumerate().map(Arc::from))
     }
 
     /// Their number, where they are few.
-    pub(in crate::tuner) fn count(&self) -> Option<usize> {
+    pub(crate) fn count(&self) -> Option<usize> {
         self.0.as_ref().map(|all| all.len())
     }
 
     /// Whether every configuration has a verdict, or was given up.
-    pub(in crate::tuner) fn is_exhausted(&self, results: &ResultTable) -> bool {
+    pub(crate) fn is_exhausted(&self, results: &ResultTable) -> bool {
         self.0.as_ref().is_some_and(|all| results.decided() >= all.len())
     }
 
     /// The first configuration that is neither tried nor running.
-    pub(in crate::tuner) fn untried(
+    pub(crate) fn untried(
         &self,
         results: &ResultTable,
         is_running: impl Fn(&Configuration) -> bool,
@@ -53,7 +53,7 @@ impl FewConfigurations {
 
 /// The next configuration of an exhausted space to measure again, among those that do not run now. `None`
 /// where it is clear enough which are the best, and where costs are exact.
-pub(in crate::tuner) fn next_of_race(
+pub(crate) fn next_of_race(
     results: &ResultTable,
     is_running: impl Fn(&Configuration) -> bool,
 ) -> Option<&Record> {

@@ -21,28 +21,28 @@ const NOISE_MARGIN: f64 = 1.25;
 
 /// A race in a state. Plain data, exact through serde.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub(in crate::tuner) struct Confirming {
+pub(crate) struct Confirming {
     /// The incumbent first; the default among the others where it is not the incumbent.
-    pub(in crate::tuner) contenders: Vec<Stored>,
-    pub(in crate::tuner) race: Race,
-    pub(in crate::tuner) rounds_max: u64,
+    pub(crate) contenders: Vec<Stored>,
+    pub(crate) race: Race,
+    pub(crate) rounds_max: u64,
     /// The number of tried configurations when it began. Once more configurations are tried, another race
     /// begins.
-    pub(in crate::tuner) tried: usize,
+    pub(crate) tried: usize,
     /// The number of disturbances of the machine before it began.
-    pub(in crate::tuner) disturbances: u64,
+    pub(crate) disturbances: u64,
     /// The contender of each open trial, by trial number.
-    pub(in crate::tuner) open: BTreeMap<u64, usize>,
+    pub(crate) open: BTreeMap<u64, usize>,
     /// The challengers of which a run was stopped below their known cost.
     #[serde(default, skip_serializing_if = "BTreeSet::is_empty")]
     stopped: BTreeSet<usize>,
     /// Its consequences have been decided.
-    pub(in crate::tuner) settled: bool,
+    pub(crate) settled: bool,
 }
 
 impl Confirming {
     /// Begins with the incumbent, the default, and the configurations that may be better by an assessment.
-    pub(in crate::tuner) fn new(
+    pub(crate) fn new(
         (incumbent, default): (&Configuration, &Configuration),
         assessment: &Assessment,
         noise: f64,
@@ -74,24 +74,24 @@ impl Confirming {
     }
 
     /// Whether it is over, for a table with `tried` tried configurations.
-    pub(in crate::tuner) fn is_settled(&self, tried: usize) -> bool {
+    pub(crate) fn is_settled(&self, tried: usize) -> bool {
         self.settled && tried <= self.tried
     }
 
     /// Passes over one more tried configuration, which is no reason for another race.
-    pub(in crate::tuner) fn pass_over(&mut self) {
+    pub(crate) fn pass_over(&mut self) {
         self.tried += 1;
     }
 
     /// The next contender to run, and its round.
-    pub(in crate::tuner) fn next(&self) -> Option<(usize, u64)> {
+    pub(crate) fn next(&self) -> Option<(usize, u64)> {
         let running = |place: usize| self.open.values().filter(|&&other| other == place).count();
         let place = self.race.next(running)?;
         Some((place, (self.race.rounds(place) + running(place)) as u64 + 1))
     }
 
     /// Takes a trial out, with what it found of its contender if it found anything.
-    pub(in crate::tuner) fn release(&mut self, trial: u64, finding: Option<Finding>) {
+    pub(crate) fn release(&mut self, trial: u64, finding: Option<Finding>) {
         let Some(place) = self.open.remove(&trial) else { return };
         match finding {
             Some(Finding::Cost(cost)) => self.race.tell(place, cost),
@@ -101,17 +101,17 @@ impl Confirming {
         }
     }
 
-    pub(in crate::tuner) fn runs(&self, trial: u64) -> bool {
+    pub(crate) fn runs(&self, trial: u64) -> bool {
         self.open.contains_key(&trial)
     }
 
     /// Forgets open trials that are gone.
-    pub(in crate::tuner) fn keep_open(&mut self, is_open: impl Fn(u64) -> bool) {
+    pub(crate) fn keep_open(&mut self, is_open: impl Fn(u64) -> bool) {
         self.open.retain(|&number, _| is_open(number));
     }
 
     /// The contender that the race alone proved better.
-    pub(in crate::tuner) fn winner(&self) -> Option<&Configuration> {
+    pub(crate) fn winner(&self) -> Option<&Configuration> {
         match self.race.verdict() {
             RaceResult::Better(place) => self.contenders.get(place).map(|contender| &contender.0),
             RaceResult::Open | RaceResult::NothingBetter => None,
@@ -119,17 +119,17 @@ impl Confirming {
     }
 
     /// Whether a configuration ran against the incumbent.
-    pub(in crate::tuner) fn is_challenger(&self, configuration: &Configuration) -> bool {
+    pub(crate) fn is_challenger(&self, configuration: &Configuration) -> bool {
         self.contenders.iter().skip(1).any(|contender| contender.0 == *configuration)
     }
 
     /// The contender that is better by the rounds alone, at an error probability of at most `error`.
-    pub(in crate::tuner) fn better_by_rounds(&self, error: f64) -> Option<&Configuration> {
+    pub(crate) fn better_by_rounds(&self, error: f64) -> Option<&Configuration> {
         Some(&self.contenders.get(self.race.better_by_rounds(error)?)?.0)
     }
 
     /// The gain of a contender by the rounds alone: over the default where that ran, else over the incumbent.
-    pub(in crate::tuner) fn gain(&self, of: &Configuration, default: &Configuration) -> Option<Gain> {
+    pub(crate) fn gain(&self, of: &Configuration, default: &Configuration) -> Option<Gain> {
         let place = |one: &Configuration| self.contenders.iter().position(|contender| contender.0 == *one);
         let (of, over) = (place(of)?, place(default).unwrap_or(0));
         let gain = self.race.gain(of, over).filter(|_| of != over)?;
@@ -145,19 +145,19 @@ impl Confirming {
     }
 
     /// Whether a configuration runs in it.
-    pub(in crate::tuner) fn has(&self, configuration: &Configuration) -> bool {
+    pub(crate) fn has(&self, configuration: &Configuration) -> bool {
         self.contenders.iter().any(|contender| contender.0 == *configuration)
     }
 
     /// Whether its configurations are of the space.
-    pub(in crate::tuner) fn fits(&self, space: &Space) -> bool {
+    pub(crate) fn fits(&self, space: &Space) -> bool {
         self.contenders.iter().all(|contender| space.owns(&contender.0))
     }
 }
 
 /// The result of a trial of a race.
 #[derive(Clone, Copy, Debug)]
-pub(in crate::tuner) enum Finding {
+pub(crate) enum Finding {
     /// A cost.
     Cost(f64),
     /// A challenger was stopped below its known cost. Once may be chance, and counts as that cost. A

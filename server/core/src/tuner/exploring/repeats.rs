@@ -39,12 +39,12 @@ const LEADERS_SHARE: f64 = 0.3;
 
 /// The knowledge that says which configurations are measured again.
 #[derive(Clone, Copy, Debug)]
-pub(in crate::tuner) struct Repeats<'a> {
-    pub(in crate::tuner) standings: Standings<'a>,
-    pub(in crate::tuner) transfer: Transfer<'a>,
-    pub(in crate::tuner) speeds: &'a Speeds,
-    pub(in crate::tuner) rechecks: &'a Rechecks,
-    pub(in crate::tuner) auxiliaries: &'a Auxiliaries,
+pub(crate) struct Repeats<'a> {
+    pub(crate) standings: Standings<'a>,
+    pub(crate) transfer: Transfer<'a>,
+    pub(crate) speeds: &'a Speeds,
+    pub(crate) rechecks: &'a Rechecks,
+    pub(crate) auxiliaries: &'a Auxiliaries,
 }
 
 impl Repeats<'_> {
@@ -52,7 +52,7 @@ impl Repeats<'_> {
     /// of the client's machine. An incumbent of other states that does badly here is measured again soon, so
     /// that it gives way. One whose single cost may be far too low is measured again where all others were
     /// stopped by it. Once the search is spent the confirmation measures it anyway.
-    pub(in crate::tuner) fn incumbent_again(
+    pub(crate) fn incumbent_again(
         &self,
         client_id: &str,
         room: usize,
@@ -83,7 +83,7 @@ impl Repeats<'_> {
 
     /// The next configuration of a recheck, which finds whether the machine or the state has changed after a
     /// cost jumped.
-    pub(in crate::tuner) fn recheck(&self, client_id: &str, state: StateId) -> Option<ProposedTrial> {
+    pub(crate) fn recheck(&self, client_id: &str, state: StateId) -> Option<ProposedTrial> {
         let results = self.standings.states.results(state);
         let wanted = self.rechecks.wanted(client_id, state);
         let record = wanted.and_then(|wanted| results.record(wanted)).filter(|record| !record.fails())?;
@@ -99,7 +99,7 @@ impl Repeats<'_> {
     /// are measured again next. Nothing is repeated where the policy confirms nothing, or where a search is
     /// followed as it was published. A single measurement far from all others is repeated at once, at any
     /// stage of the search.
-    pub(in crate::tuner) fn leader_again(&self, room: usize, state: StateId) -> Option<ProposedTrial> {
+    pub(crate) fn leader_again(&self, room: usize, state: StateId) -> Option<ProposedTrial> {
         let (results, incumbent) = (self.standings.states.results(state), self.standings.incumbent(state));
         let (tried, taken) =
             (results.tried(), self.standings.searches.taken(state, results, &self.standings.spec.policy));
@@ -139,7 +139,7 @@ impl Repeats<'_> {
     }
 
     /// One of the few configurations of a space that were all tried, which may be the best.
-    pub(in crate::tuner) fn contender_again(&self, room: usize, state: StateId) -> Option<ProposedTrial> {
+    pub(crate) fn contender_again(&self, room: usize, state: StateId) -> Option<ProposedTrial> {
         let results = self.standings.states.results(state);
         let races = self.standings.spec.policy.confirm_rounds > 0 && self.transfer.warms_up_searches();
         if !races || self.standings.searches.taken(state, results, &self.standings.spec.policy) >= room {

@@ -20,40 +20,40 @@ use crate::tuner::{Best, StateRecord};
 
 /// The answer of a state's own measurements.
 #[derive(Clone, Debug)]
-pub(in crate::tuner) struct Answered {
-    pub(in crate::tuner) configuration: Configuration,
-    pub(in crate::tuner) cost: f64,
+pub(crate) struct Answered {
+    pub(crate) configuration: Configuration,
+    pub(crate) cost: f64,
     /// Its gain over the default, or over the client's start.
-    pub(in crate::tuner) gain: Option<Gain>,
+    pub(crate) gain: Option<Gain>,
     /// The answer is the incumbent, because nothing was shown to be better.
-    pub(in crate::tuner) is_incumbent: bool,
+    pub(crate) is_incumbent: bool,
     /// That incumbent is the default, or the client's start.
-    pub(in crate::tuner) nothing_better: bool,
+    pub(crate) nothing_better: bool,
     /// The most that any configuration may gain over the answer; `None` where there is no time to find out.
-    pub(in crate::tuner) gain_at_most: Option<f64>,
+    pub(crate) gain_at_most: Option<f64>,
 }
 
 /// What a state's own measurements show, of all states.
 #[derive(Clone, Copy, Debug)]
-pub(in crate::tuner) struct Standings<'a> {
-    pub(in crate::tuner) spec: &'a Arc<StudySpec>,
-    pub(in crate::tuner) states: &'a States,
-    pub(in crate::tuner) searches: &'a Searches,
-    pub(in crate::tuner) assessments: &'a Assessments,
+pub(crate) struct Standings<'a> {
+    pub(crate) spec: &'a Arc<StudySpec>,
+    pub(crate) states: &'a States,
+    pub(crate) searches: &'a Searches,
+    pub(crate) assessments: &'a Assessments,
 }
 
 impl<'a> Standings<'a> {
-    pub(in crate::tuner) fn race(&self, state: StateId) -> Option<&'a Confirming> {
+    pub(crate) fn race(&self, state: StateId) -> Option<&'a Confirming> {
         self.searches.of(state)?.confirming.as_ref()
     }
 
     /// The incumbent of a state where that is not the default.
-    pub(in crate::tuner) fn confirmed(&self, state: StateId) -> Option<&'a Configuration> {
+    pub(crate) fn confirmed(&self, state: StateId) -> Option<&'a Configuration> {
         Some(&self.searches.of(state)?.confirmed.as_ref()?.0)
     }
 
     /// A start, if it ran in a state.
-    pub(in crate::tuner) fn measured<'s>(
+    pub(crate) fn measured<'s>(
         &self,
         state: StateId,
         start: Option<&'s Configuration>,
@@ -62,60 +62,55 @@ impl<'a> Standings<'a> {
     }
 
     /// Whether a start is not known to fail in a state, and was not lost there too often.
-    pub(in crate::tuner) fn may_run_start(&self, state: StateId, start: &Configuration) -> bool {
+    pub(crate) fn may_run_start(&self, state: StateId, start: &Configuration) -> bool {
         let is_lost = self.searches.lost_starts(state, start) >= LEASES_LOST_MAX;
         !is_lost && !self.states.results(state).fails(start)
     }
 
     /// Whether a start ran in a state for the first time after trial `since`, so that what was decided then
     /// has to be decided again.
-    pub(in crate::tuner) fn has_new_start(
-        &self,
-        state: StateId,
-        start: Option<&Configuration>,
-        since: u64,
-    ) -> bool {
+    pub(crate) fn has_new_start(&self, state: StateId, start: Option<&Configuration>, since: u64) -> bool {
         let record = start.and_then(|start| self.states.results(state).ran(start));
         record.is_some_and(|record| record.measurements == 1 && record.last_trial > since)
     }
 
     /// Whether the default can be run in a state, as far as is known.
-    pub(in crate::tuner) fn default_runs(&self, state: StateId) -> bool {
+    pub(crate) fn default_runs(&self, state: StateId) -> bool {
         let settled = self.states.results(state).settled(self.spec.space.default_ref(), 1);
         settled != Some(Verdict::Infeasible)
     }
 
     /// Whether the state's search has spent the policy's budget.
-    pub(in crate::tuner) fn is_finished(&self, state: StateId) -> bool {
+    pub(crate) fn is_finished(&self, state: StateId) -> bool {
         self.is_spent_within(self.spec.policy.trials_per_state as usize, state)
     }
 
     /// Whether nothing is left to be searched in a state, within a budget of `room` trials.
-    pub(in crate::tuner) fn is_spent_within(&self, room: usize, state: StateId) -> bool {
+    pub(crate) fn is_spent_within(&self, room: usize, state: StateId) -> bool {
         self.searches.are_spent(state, self.states.results(state), &self.spec.policy, room)
     }
 
     /// Whether a state's search has ended within `room` trials, and none of its trials is open.
-    pub(in crate::tuner) fn is_over(&self, room: usize, state: StateId) -> bool {
+    pub(crate) fn is_over(&self, room: usize, state: StateId) -> bool {
         let (own, results) = (self.searches.of(state), self.states.results(state));
         own.is_some_and(|own| own.open.is_empty() && is_spent(own, results, &self.spec.policy, room))
     }
 
     /// The configuration that challengers are measured against in a state.
-    pub(in crate::tuner) fn incumbent(&self, state: StateId) -> &'a Configuration {
+    pub(crate) fn incumbent(&self, state: StateId) -> &'a Configuration {
         let results = self.states.results(state);
         let confirmed = self.confirmed(state).filter(|confirmed| !results.is_infeasible(confirmed));
         confirmed.unwrap_or(self.spec.space.default_ref())
     }
 
     /// Whether the verdict on a state's search stands.
-    pub(in crate::tuner) fn is_settled(&self, state: StateId) -> bool {
+    pub(crate) fn is_settled(&self, state: StateId) -> bool {
         let tried = self.states.results(state).tried();
         self.race(state).is_some_and(|race| race.is_settled(tried))
     }
 
     /// Whether a search that is at its end is still to be confirmed.
-    pub(in crate::tuner) fn is_to_be_confirmed(&self, state: StateId) -> bool {
+    pub(crate) fn is_to_be_confirmed(&self, state: StateId) -> bool {
         let policy = &self.spec.policy;
         policy.confirm_rounds > 0
             && policy.operation == Operation::Tune
@@ -126,7 +121,7 @@ impl<'a> Standings<'a> {
 
     /// A copy of the inputs of a state's assessment; `None` where no measured configuration can be run. No
     /// race was run beside a `start`, so that only measurements count there.
-    pub(in crate::tuner) fn assessment_request(
+    pub(crate) fn assessment_request(
         &self,
         state: StateId,
         start: Option<&Configuration>,
@@ -144,7 +139,7 @@ impl<'a> Standings<'a> {
 
     /// The request where the assessment, beside the default or a start that ran there, has to be made apart
     /// before a client asks for it.
-    pub(in crate::tuner) fn assessment_to_plan(
+    pub(crate) fn assessment_to_plan(
         &self,
         state: StateId,
         start: Option<&Configuration>,
@@ -156,7 +151,7 @@ impl<'a> Standings<'a> {
     }
 
     /// The same request beside a client's start, where that ran in the state.
-    pub(in crate::tuner) fn start_to_plan(
+    pub(crate) fn start_to_plan(
         &self,
         start: Option<Configuration>,
         state: Option<StateId>,
@@ -197,11 +192,7 @@ impl<'a> Standings<'a> {
 
     /// The assessment by which a race begins or is settled: one that is up to date, or the one that was made
     /// for this question. Where many clients report from the state, its table changes before that is made.
-    pub(in crate::tuner) fn assessment_of_race(
-        &self,
-        state: StateId,
-        planned: &Planned,
-    ) -> Option<Arc<Assessment>> {
+    pub(crate) fn assessment_of_race(&self, state: StateId, planned: &Planned) -> Option<Arc<Assessment>> {
         let (made, is_current) = self.assessment(state, None, planned)?;
         let is_fresh = || planned.has_assessed(state) && made.is_beside(self.confirmed(state));
         (is_current || is_fresh()).then_some(made)
@@ -209,7 +200,7 @@ impl<'a> Standings<'a> {
 
     /// The answer of a state's own measurements: the verdict where it stands, else the configuration that is
     /// proven so far. Beside a `start` that ran there it is what is better than that.
-    pub(in crate::tuner) fn answered(
+    pub(crate) fn answered(
         &self,
         state: StateId,
         start: Option<&Configuration>,
@@ -263,7 +254,7 @@ impl<'a> Standings<'a> {
 
     /// The standing of a state's answer, beside the default or a start that ran there; `None` where no
     /// measured configuration can be run.
-    pub(in crate::tuner) fn standing(
+    pub(crate) fn standing(
         &self,
         state: StateId,
         start: Option<&Configuration>,
@@ -330,7 +321,7 @@ impl<'a> Standings<'a> {
     }
 
     /// The best known configuration of a state.
-    pub(in crate::tuner) fn best(
+    pub(crate) fn best(
         &self,
         state: StateId,
         start: Option<&Configuration>,
@@ -355,7 +346,7 @@ impl<'a> Standings<'a> {
     }
 
     /// The row of a state.
-    pub(in crate::tuner) fn row(&self, state: StateId) -> StateRecord {
+    pub(crate) fn row(&self, state: StateId) -> StateRecord {
         StateRecord {
             id: state.0,
             indicators: self.states[state].anchor.clone(),

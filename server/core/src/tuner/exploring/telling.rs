@@ -20,12 +20,12 @@ use crate::tuner::knowledge::states::States;
 
 /// The searches and races that wait for results.
 #[derive(Debug)]
-pub(in crate::tuner) struct Telling<'a> {
-    pub(in crate::tuner) spec: &'a Arc<StudySpec>,
-    pub(in crate::tuner) states: &'a States,
-    pub(in crate::tuner) searches: &'a mut Searches,
-    pub(in crate::tuner) assessments: &'a Assessments,
-    pub(in crate::tuner) speeds: &'a Speeds,
+pub(crate) struct Telling<'a> {
+    pub(crate) spec: &'a Arc<StudySpec>,
+    pub(crate) states: &'a States,
+    pub(crate) searches: &'a mut Searches,
+    pub(crate) assessments: &'a Assessments,
+    pub(crate) speeds: &'a Speeds,
 }
 
 impl Telling<'_> {
@@ -35,7 +35,7 @@ impl Telling<'_> {
     }
 
     /// Passes the result of a full trial to its search and to the race.
-    pub(in crate::tuner) fn tell_in_full(&mut self, completed: &Trial, learnt: &LearntCost) {
+    pub(crate) fn tell_in_full(&mut self, completed: &Trial, learnt: &LearntCost) {
         let (state, replicates) = (StateId(completed.state_id), self.spec.policy.replicates);
         let settled = self.states.results(state).settled(&completed.configuration, replicates);
         let is_first = |record: &Record| record.measurements == 1;
@@ -69,7 +69,7 @@ impl Telling<'_> {
 
     /// Passes the result of a trial at a cheaper level to its search, which alone hears of it. The point of a
     /// silent one goes back.
-    pub(in crate::tuner) fn tell_cheaper(&mut self, completed: &Trial) {
+    pub(crate) fn tell_cheaper(&mut self, completed: &Trial) {
         let state = StateId(completed.state_id);
         let name = completed.decision.fidelity.as_ref();
         let levels = self.spec.objective.fidelities();
@@ -98,7 +98,7 @@ impl Telling<'_> {
     }
 
     /// Ends a trial's hold on a point of its state's search, or on a contender of its race.
-    pub(in crate::tuner) fn release(&mut self, trial: &Trial, feedback: Option<Feedback>) {
+    pub(crate) fn release(&mut self, trial: &Trial, feedback: Option<Feedback>) {
         let state = StateId(trial.state_id);
         let holds = |own: &Exploration| own.open.contains_key(&trial.number) || own.confirms(trial.number);
         if !self.searches.of(state).is_some_and(holds) {

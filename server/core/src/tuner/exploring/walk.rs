@@ -24,7 +24,7 @@ use crate::tuner::proposal::ProposedTrial;
 const OBSERVATIONS_MAX: usize = 128;
 
 /// The result of the walk along a search.
-pub(in crate::tuner) enum NextPoint {
+pub(crate) enum NextPoint {
     /// A point to measure.
     Measure(Point, Configuration),
     /// The search waits for trials that are out, or its budget is spent.
@@ -35,12 +35,12 @@ pub(in crate::tuner) enum NextPoint {
 
 /// The searches of all states, to be walked along.
 #[derive(Debug)]
-pub(in crate::tuner) struct Walk<'a> {
-    pub(in crate::tuner) spec: &'a Arc<StudySpec>,
-    pub(in crate::tuner) states: &'a mut States,
-    pub(in crate::tuner) searches: &'a mut Searches,
-    pub(in crate::tuner) trials: &'a OpenTrials,
-    pub(in crate::tuner) models: &'a Models,
+pub(crate) struct Walk<'a> {
+    pub(crate) spec: &'a Arc<StudySpec>,
+    pub(crate) states: &'a mut States,
+    pub(crate) searches: &'a mut Searches,
+    pub(crate) trials: &'a OpenTrials,
+    pub(crate) models: &'a Models,
 }
 
 impl Walk<'_> {
@@ -53,7 +53,7 @@ impl Walk<'_> {
     /// carry points of an earlier search only feed the table from then on. The new search receives the
     /// results of the table if an earlier one spent its budget, which was raised since. It also receives them
     /// if they come from other machines, other databases or an earlier space of the study.
-    pub(in crate::tuner) fn ensure(&mut self, room: usize, state: StateId, planned: &mut Planned) {
+    pub(crate) fn ensure(&mut self, room: usize, state: StateId, planned: &mut Planned) {
         // The policy's own number of trials need not be noted.
         let more = if room > self.spec.policy.trials_per_state as usize { room } else { 0 };
         if self.searches.of(state).is_some_and(|own| own.room() < more)
@@ -111,7 +111,7 @@ impl Walk<'_> {
     /// verdict are answered from the table (a pair of state and configuration is not sampled twice). Points
     /// whose configuration runs just now in this state go back until it is reported. A point at a cheaper
     /// level is measured unless its configuration cannot be run. `shares` are the costs of the open levels.
-    pub(in crate::tuner) fn next_point(
+    pub(crate) fn next_point(
         &mut self,
         (room, shares): (usize, &[f64]),
         state: StateId,
@@ -183,7 +183,7 @@ impl Walk<'_> {
     }
 
     /// The trial of a point.
-    pub(in crate::tuner) fn measure(
+    pub(crate) fn measure(
         &mut self,
         state: StateId,
         number: TrialNumber,
@@ -213,11 +213,7 @@ impl Walk<'_> {
 
 /// A configuration without a verdict that does not run now, drawn at random. `None` when a bounded number
 /// of draws meets none, as in a space that is nearly exhausted.
-pub(in crate::tuner) fn unseen(
-    transfer: &Transfer<'_>,
-    state: StateId,
-    number: TrialNumber,
-) -> Option<Configuration> {
+pub(crate) fn unseen(transfer: &Transfer<'_>, state: StateId, number: TrialNumber) -> Option<Configuration> {
     drawn(transfer, state, number, Some).or_else(|| {
         let results = transfer.states.results(state);
         let is_running = |configuration: &Configuration| transfer.trials.runs(state, configuration);
@@ -226,7 +222,7 @@ pub(in crate::tuner) fn unseen(
 }
 
 /// [`unseen`] of what `of` makes of the drawn configurations.
-pub(in crate::tuner) fn drawn(
+pub(crate) fn drawn(
     transfer: &Transfer<'_>,
     state: StateId,
     number: TrialNumber,

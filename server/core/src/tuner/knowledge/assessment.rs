@@ -42,15 +42,15 @@ const SHARE_LEAST: f64 = 1e-12;
 /// A copy of the inputs of a state's assessment.
 #[derive(Clone, Debug)]
 pub struct AssessmentRequest {
-    pub(in crate::tuner) state: StateId,
-    pub(in crate::tuner) spec: Arc<StudySpec>,
-    pub(in crate::tuner) results: Arc<ResultTable>,
+    pub(crate) state: StateId,
+    pub(crate) spec: Arc<StudySpec>,
+    pub(crate) results: Arc<ResultTable>,
     /// The incumbent where that is not the default.
-    pub(in crate::tuner) confirmed: Option<Configuration>,
+    pub(crate) confirmed: Option<Configuration>,
     /// The verdict stands: the incumbent is the answer.
-    pub(in crate::tuner) is_settled: bool,
+    pub(crate) is_settled: bool,
     /// A client's start, which takes the place of the default and of the incumbent.
-    pub(in crate::tuner) start: Option<Configuration>,
+    pub(crate) start: Option<Configuration>,
 }
 
 /// The assessment of a state's configurations.
@@ -61,32 +61,32 @@ pub struct Assessment {
     confirmed: Option<Configuration>,
     is_settled: bool,
     /// The start in the place of the default; `None` for the default itself.
-    pub(in crate::tuner) start: Option<Configuration>,
+    pub(crate) start: Option<Configuration>,
     /// The configuration to exploit.
-    pub(in crate::tuner) answer: Configuration,
+    pub(crate) answer: Configuration,
     /// The configuration with the least expected cost among those that are better than the incumbent with a
     /// probability of at least [`PROBABLE`].
-    pub(in crate::tuner) probable: Option<Configuration>,
+    pub(crate) probable: Option<Configuration>,
     /// The answer's cost, with the ends of its 95 % interval.
-    pub(in crate::tuner) cost: f64,
-    pub(in crate::tuner) cost_low: f64,
-    pub(in crate::tuner) cost_high: f64,
+    pub(crate) cost: f64,
+    pub(crate) cost_low: f64,
+    pub(crate) cost_high: f64,
     /// The answer's gain over the default; `None` where the default was not measured.
-    pub(in crate::tuner) gain: Option<Gain>,
+    pub(crate) gain: Option<Gain>,
     /// The answer is the default, because no configuration is proven to be better.
-    pub(in crate::tuner) nothing_better: bool,
-    pub(in crate::tuner) is_incumbent: bool,
+    pub(crate) nothing_better: bool,
+    pub(crate) is_incumbent: bool,
     /// The most that any other configuration may gain over the answer.
-    pub(in crate::tuner) gain_at_most: f64,
+    pub(crate) gain_at_most: f64,
     /// The configurations that may be better than the incumbent, the best first.
-    pub(in crate::tuner) challengers: Vec<Configuration>,
+    pub(crate) challengers: Vec<Configuration>,
     /// The standard deviation of the logarithm of one measurement.
-    pub(in crate::tuner) noise: f64,
+    pub(crate) noise: f64,
 }
 
 impl Assessment {
     /// Whether it was made beside this incumbent; `None` for the default.
-    pub(in crate::tuner) fn is_beside(&self, confirmed: Option<&Configuration>) -> bool {
+    pub(crate) fn is_beside(&self, confirmed: Option<&Configuration>) -> bool {
         self.confirmed.as_ref() == confirmed
     }
 }
@@ -98,12 +98,12 @@ impl AssessmentRequest {
     }
 
     /// Whether the assessment takes only microseconds.
-    pub(in crate::tuner) fn is_quick(&self) -> bool {
+    pub(crate) fn is_quick(&self) -> bool {
         self.results.ranked().len() <= ASSESSED_SHARED_MAX
     }
 
     /// Whether an assessment was made from these inputs.
-    pub(in crate::tuner) fn is_answered_by(&self, assessment: &Assessment) -> bool {
+    pub(crate) fn is_answered_by(&self, assessment: &Assessment) -> bool {
         assessment.version == self.results.version()
             && assessment.confirmed == self.confirmed
             && assessment.is_settled == self.is_settled
@@ -203,7 +203,7 @@ fn posterior(
 /// and above the records at `compared` is drawn in, because its exact cost does not matter. A single
 /// measurement far below is drawn in likewise. Beside the `noise` of the state, a standard deviation, those
 /// with large standard errors count for less.
-pub(in crate::tuner) fn samples(
+pub(crate) fn samples(
     records: &[&Record],
     layout: &Layout,
     space: &Space,
@@ -294,23 +294,19 @@ fn sample(
 /// The last assessments of the states that were assessed last, each beside the default or a start. Each can
 /// be computed again.
 #[derive(Clone, Debug, Default)]
-pub(in crate::tuner) struct Assessments {
+pub(crate) struct Assessments {
     made: BTreeMap<(StateId, Option<Configuration>), (u64, Arc<Assessment>)>,
     clock: u64,
 }
 
 impl Assessments {
     /// The last assessment of a state, beside the default or a start, which may be out of date.
-    pub(in crate::tuner) fn of(
-        &self,
-        state: StateId,
-        start: Option<&Configuration>,
-    ) -> Option<&Arc<Assessment>> {
+    pub(crate) fn of(&self, state: StateId, start: Option<&Configuration>) -> Option<&Arc<Assessment>> {
         self.made.get(&(state, start.cloned())).map(|(_, assessment)| assessment)
     }
 
     /// Keeps an assessment, and forgets the oldest of too many.
-    pub(in crate::tuner) fn keep(&mut self, state: StateId, assessment: Arc<Assessment>) {
+    pub(crate) fn keep(&mut self, state: StateId, assessment: Arc<Assessment>) {
         self.clock += 1;
         self.made.insert((state, assessment.start.clone()), (self.clock, assessment));
         if self.made.len() > ASSESSMENTS_MAX {

@@ -12,19 +12,19 @@ use crate::tuner::knowledge::states::States;
 /// Standard deviations by which a configuration must be dearer to be called clearly worse.
 const CLEARLY: f64 = 3.0;
 /// More measurements than this say nothing more about a configuration.
-pub(in crate::tuner) const MEASUREMENTS_COUNTED: u64 = 16;
+pub(crate) const MEASUREMENTS_COUNTED: u64 = 16;
 
 /// The evidence of the rules.
 #[derive(Clone, Copy, Debug)]
-pub(in crate::tuner) struct GainEvidence<'a> {
-    pub(in crate::tuner) policy: &'a Policy,
-    pub(in crate::tuner) states: &'a States,
-    pub(in crate::tuner) history: &'a History,
+pub(crate) struct GainEvidence<'a> {
+    pub(crate) policy: &'a Policy,
+    pub(crate) states: &'a States,
+    pub(crate) history: &'a History,
 }
 
 impl GainEvidence<'_> {
     /// The probability of exploring a state, after the visits that it has had.
-    pub(in crate::tuner) fn epsilon(&self, state: StateId) -> f64 {
+    pub(crate) fn epsilon(&self, state: StateId) -> f64 {
         if self.policy.epsilon_halves_after == 0 {
             return self.policy.epsilon;
         }
@@ -37,7 +37,7 @@ impl GainEvidence<'_> {
     /// The expected gain from going on with the search of a state for `room` trials in all, over this
     /// client's frames and all others: the next few trials first, see
     /// [`exploration_value`](crate::statistics::exploration_value).
-    pub(in crate::tuner) fn prospect(&self, client_id: &str, state: StateId, room: usize) -> Prospect {
+    pub(crate) fn prospect(&self, client_id: &str, state: StateId, room: usize) -> Prospect {
         let results = self.states.results(state);
         // Configurations of clients' own choice were tried too, and do not count. Configurations that were
         // taken back after a jump of the machine's speed are no longer tried, but stay searched.
@@ -62,7 +62,7 @@ impl GainEvidence<'_> {
 
     /// Whether a configuration does clearly worse in a state than the best measured one. What was measured
     /// once, far below all others, is no best.
-    pub(in crate::tuner) fn does_clearly_worse(&self, state: StateId, configuration: &Configuration) -> bool {
+    pub(crate) fn does_clearly_worse(&self, state: StateId, configuration: &Configuration) -> bool {
         let results = self.states.results(state);
         let best = results.believed_best();
         let (Some(own), Some(best)) = (results.record(configuration), best) else { return false };

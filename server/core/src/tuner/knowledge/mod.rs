@@ -20,17 +20,17 @@ use crate::configuration::{Configuration, unchecked};
 /// A configuration as it stands in a state's row.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(transparent)]
-pub(in crate::tuner) struct Stored(#[serde(with = "unchecked")] pub(in crate::tuner) Configuration);
+pub(crate) struct Stored(#[serde(with = "unchecked")] pub(in crate::tuner) Configuration);
 
 /// The learnt cost of a completed trial.
 #[derive(Clone, Copy, Debug)]
-pub(in crate::tuner) struct LearntCost {
+pub(crate) struct LearntCost {
     /// Its cost as the table has it.
-    pub(in crate::tuner) cost: Option<f64>,
+    pub(crate) cost: Option<f64>,
     /// The believed cost: it is drawn in where it lies far from all others.
-    pub(in crate::tuner) believed: Option<f64>,
+    pub(crate) believed: Option<f64>,
     /// The speed of its client's machine was found to have jumped.
-    pub(in crate::tuner) has_jumped: bool,
+    pub(crate) has_jumped: bool,
     /// The costs of the state were found to have changed.
-    pub(in crate::tuner) has_changed: bool,
+    pub(crate) has_changed: bool,
 }

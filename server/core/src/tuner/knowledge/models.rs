@@ -18,36 +18,31 @@ use crate::tuner::knowledge::states::States;
 
 /// The models of a study.
 #[derive(Clone, Debug)]
-pub(in crate::tuner) struct Models {
-    pub(in crate::tuner) predictors: Predictors,
+pub(crate) struct Models {
+    pub(crate) predictors: Predictors,
     /// The completion after which they were begun.
-    pub(in crate::tuner) since: u64,
+    pub(crate) since: u64,
     /// Whether another caller computes deferred updates.
-    pub(in crate::tuner) defers: bool,
+    pub(crate) defers: bool,
 }
 
 /// The lesson of a completed trial for a model.
-pub(in crate::tuner) struct Result<'a> {
+pub(crate) struct Result<'a> {
     /// The normalised indicators the trial ran under.
-    pub(in crate::tuner) normalised: &'a [f64],
-    pub(in crate::tuner) state: StateId,
-    pub(in crate::tuner) configuration: &'a Configuration,
-    pub(in crate::tuner) verdict: Verdict,
+    pub(crate) normalised: &'a [f64],
+    pub(crate) state: StateId,
+    pub(crate) configuration: &'a Configuration,
+    pub(crate) verdict: Verdict,
 }
 
 impl Models {
     /// The models that a predictor needs, before they are taught anything.
-    pub(in crate::tuner) fn new(
-        spec: &StudySpec,
-        predictor: PredictorMethod,
-        states: &States,
-        since: u64,
-    ) -> Self {
+    pub(crate) fn new(spec: &StudySpec, predictor: PredictorMethod, states: &States, since: u64) -> Self {
         Models { predictors: untaught(spec, predictor, states), since, defers: false }
     }
 
     /// Begins the models of a predictor from nothing, after a completion.
-    pub(in crate::tuner) fn begin(
+    pub(crate) fn begin(
         &mut self,
         spec: &StudySpec,
         predictor: PredictorMethod,
@@ -59,14 +54,14 @@ impl Models {
     }
 
     /// Computes deferred updates at once if no other caller does, or if too many are waiting.
-    pub(in crate::tuner) fn catch_up(&mut self, space: &Space) {
+    pub(crate) fn catch_up(&mut self, space: &Space) {
         if !self.defers || self.predictors.deferred_count() > DEFERRED_UPDATES_MAX {
             self.predictors.apply_all(space);
         }
     }
 
     /// Teaches the models a completed trial whose result the table of its state holds.
-    pub(in crate::tuner) fn teach(&mut self, spec: &StudySpec, states: &States, result: &Result<'_>) {
+    pub(crate) fn teach(&mut self, spec: &StudySpec, states: &States, result: &Result<'_>) {
         let machine = states[result.state].machine;
         let at_home = |cost: f64| states.machines.translate(machine, FIRST, cost);
         self.predictors.learn(&Lesson {
@@ -85,7 +80,7 @@ impl Models {
 
     /// Rebuilds the models of features where the omitted indicators have changed, and teaches them the tables
     /// of the states that were met last.
-    pub(in crate::tuner) fn begin_features(&mut self, spec: &StudySpec, states: &States) {
+    pub(crate) fn begin_features(&mut self, spec: &StudySpec, states: &States) {
         if !self.predictors.have_features() {
             return;
         }

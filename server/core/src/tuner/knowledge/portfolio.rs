@@ -24,17 +24,17 @@ const BRANCHES_MAX: usize = 3;
 
 /// The results of another state, and its answers.
 #[derive(Clone, Debug)]
-pub(in crate::tuner) struct OtherState {
-    pub(in crate::tuner) results: Arc<ResultTable>,
+pub(crate) struct OtherState {
+    pub(crate) results: Arc<ResultTable>,
     /// Its confirmed winner, or the incumbent that it began with, where that is not the default.
-    pub(in crate::tuner) incumbent: Option<Configuration>,
+    pub(crate) incumbent: Option<Configuration>,
     /// Least number of measurements to count beside the incumbent; `None` where the confirmation has ended.
-    pub(in crate::tuner) measured_least: Option<u64>,
+    pub(crate) measured_least: Option<u64>,
 }
 
 impl OtherState {
     /// The answers of the state, none of which is the luck of one measurement.
-    pub(in crate::tuner) fn answers(&self) -> impl Iterator<Item = &Configuration> {
+    pub(crate) fn answers(&self) -> impl Iterator<Item = &Configuration> {
         let incumbent = self.incumbent.iter().filter(|incumbent| self.results.ran(incumbent).is_some());
         let least = self.measured_least.unwrap_or(u64::MAX);
         let often = self.results.ranked().filter(move |record| record.measurements >= least);
@@ -44,19 +44,19 @@ impl OtherState {
 
 /// The results of other states, the nearest first.
 #[derive(Clone, Debug)]
-pub(in crate::tuner) struct MeasuredElsewhere {
-    pub(in crate::tuner) states: Vec<OtherState>,
+pub(crate) struct MeasuredElsewhere {
+    pub(crate) states: Vec<OtherState>,
     /// The table of the state that asks, if it is there.
-    pub(in crate::tuner) here: Option<Arc<ResultTable>>,
+    pub(crate) here: Option<Arc<ResultTable>>,
 }
 
 impl MeasuredElsewhere {
-    pub(in crate::tuner) fn is_empty(&self) -> bool {
+    pub(crate) fn is_empty(&self) -> bool {
         self.states.is_empty()
     }
 
     /// Whether the nearest state in which a configuration was tried, the asking one first, could not run it.
-    pub(in crate::tuner) fn fails(&self, configuration: &Configuration) -> bool {
+    pub(crate) fn fails(&self, configuration: &Configuration) -> bool {
         let tables = self.here.iter().chain(self.states.iter().map(|other| &other.results));
         let tried = |results: &Arc<ResultTable>| results.record(configuration).map(Record::fails);
         tables.filter_map(tried).next().unwrap_or(false)
@@ -64,14 +64,14 @@ impl MeasuredElsewhere {
 
     /// The best fixed configuration of other states, an incumbent or a confirmed winner that is not known to
     /// fail in the asking state. `None` where none of these was measured.
-    pub(in crate::tuner) fn best(&self, space: &Space) -> Option<Configuration> {
+    pub(crate) fn best(&self, space: &Space) -> Option<Configuration> {
         let Choices { candidates, members, table } = Choices::of(space, self);
         let best = candidates[table.best_fixed(&members)?].clone();
         self.states.iter().any(|other| other.results.ran(&best).is_some()).then_some(best)
     }
 
     /// Configurations of other states, the most promising first. Empty where nothing was measured.
-    pub(in crate::tuner) fn members(&self, space: &Space) -> Vec<Configuration> {
+    pub(crate) fn members(&self, space: &Space) -> Vec<Configuration> {
         let Choices { candidates, members, table } = Choices::of(space, self);
         let mut branches = branches(space, &table, &candidates);
         // A branch whose best is proven dearer in further states is left to the search's own model.

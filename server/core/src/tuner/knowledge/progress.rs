@@ -15,7 +15,7 @@ use crate::tuner::knowledge::assessment::samples;
 
 /// The best configuration of a state, and the share by which it costs less than the former best. `None` where
 /// nothing was measured.
-pub(in crate::tuner) fn gained(
+pub(crate) fn gained(
     space: &Space,
     results: &ResultTable,
     before: Option<&Configuration>,

@@ -33,7 +33,7 @@ const CHANGE_LEAST: f64 = 0.05;
 
 /// The end of a recheck.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(in crate::tuner) enum Moved {
+pub(crate) enum Moved {
     /// All costs moved alike.
     Machine,
     /// The ratio of the two costs has changed.
@@ -76,14 +76,14 @@ impl Recheck {
 
 /// The open rechecks of a study, by state.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub(in crate::tuner) struct Rechecks {
+pub(crate) struct Rechecks {
     open: BTreeMap<u64, Recheck>,
 }
 
 impl Rechecks {
     /// Begins a recheck, if none is open and there is a second known configuration: the default, else the
     /// best other one. `results` are those from before the jump.
-    pub(in crate::tuner) fn begin(
+    pub(crate) fn begin(
         &mut self,
         (client_id, state): (&str, StateId),
         jumped: &Configuration,
@@ -118,7 +118,7 @@ impl Rechecks {
     }
 
     /// Takes a cost as it was measured. `None` while nothing is decided.
-    pub(in crate::tuner) fn take(
+    pub(crate) fn take(
         &mut self,
         (client_id, state): (&str, StateId),
         configuration: &Configuration,
@@ -147,14 +147,14 @@ impl Rechecks {
     }
 
     /// The configuration that a client should run next, in turns with the one whose cost jumped.
-    pub(in crate::tuner) fn wanted(&self, client_id: &str, state: StateId) -> Option<&Configuration> {
+    pub(crate) fn wanted(&self, client_id: &str, state: StateId) -> Option<&Configuration> {
         let recheck = self.open.get(&state.0).filter(|recheck| recheck.client_id == client_id)?;
         let is_due = recheck.last.is_some_and(|last| last.is_jumped);
         is_due.then_some(&recheck.beside.0)
     }
 
     /// Whether the configurations that it names are of the space.
-    pub(in crate::tuner) fn fits(&self, space: &crate::space::Space) -> bool {
+    pub(crate) fn fits(&self, space: &crate::space::Space) -> bool {
         self.open.values().all(|recheck| space.owns(&recheck.jumped.0) && space.owns(&recheck.beside.0))
     }
 }

@@ -39,10 +39,10 @@ const FACTOR_LEAST: f64 = 2.0;
 
 /// A trial that was learnt since the speed was last held.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub(in crate::tuner) struct Unheld {
-    pub(in crate::tuner) trial: u64,
-    pub(in crate::tuner) configuration: Stored,
-    pub(in crate::tuner) cost: f64,
+pub(crate) struct Unheld {
+    pub(crate) trial: u64,
+    pub(crate) configuration: Stored,
+    pub(crate) cost: f64,
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -85,24 +85,24 @@ impl Default for Client {
 
 /// The machines of all clients.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub(in crate::tuner) struct Speeds {
+pub(crate) struct Speeds {
     clients: BTreeMap<String, Client>,
     clock: u64,
 }
 
 /// The result of a measurement.
 #[derive(Clone, Debug, PartialEq)]
-pub(in crate::tuner) struct Held {
+pub(crate) struct Held {
     /// The factor by which costs are to be divided.
-    pub(in crate::tuner) factor: f64,
+    pub(crate) factor: f64,
     /// Trials to be taken back, where the speed has jumped.
-    pub(in crate::tuner) jumped: Option<Vec<Unheld>>,
+    pub(crate) jumped: Option<Vec<Unheld>>,
 }
 
 impl Speeds {
     /// Takes a cost that a client measured in a state, before the state's table learns it. A cost that is not
     /// understood yet does not hold the speed; its trial is only counted.
-    pub(in crate::tuner) fn take(
+    pub(crate) fn take(
         &mut self,
         (client_id, trial, state): (&str, u64, StateId),
         configuration: &Configuration,
@@ -177,13 +177,7 @@ impl Speeds {
     /// where `hurried`, and where the machine's speed wanders. While `hurried`, costs do not hold the speed,
     /// so a suspicion from another state waits: the regression on auxiliary measurements needs other
     /// configurations than the incumbent first.
-    pub(in crate::tuner) fn is_due(
-        &self,
-        client_id: &str,
-        state: StateId,
-        hurried: bool,
-        wanders: bool,
-    ) -> bool {
+    pub(crate) fn is_due(&self, client_id: &str, state: StateId, hurried: bool, wanders: bool) -> bool {
         let Some(client) = self.clients.get(client_id).filter(|client| client.state == state.0) else {
             return false;
         };
@@ -198,17 +192,17 @@ impl Speeds {
     }
 
     /// The factor on all costs of a client at the moment, where the policy follows the speed of machines.
-    pub(in crate::tuner) fn pace_of(&self, policy: &Policy, client_id: &str) -> f64 {
+    pub(crate) fn pace_of(&self, policy: &Policy, client_id: &str) -> f64 {
         if policy.track_speed { self.factor(client_id) } else { 1.0 }
     }
 
     /// The factor on a client's costs at the moment.
-    pub(in crate::tuner) fn factor(&self, client_id: &str) -> f64 {
+    pub(crate) fn factor(&self, client_id: &str) -> f64 {
         self.clients.get(client_id).map_or(1.0, |client| client.factor)
     }
 
     /// Resets all clients of a state, whose costs are understood differently from now on.
-    pub(in crate::tuner) fn reset(&mut self, state: StateId) {
+    pub(crate) fn reset(&mut self, state: StateId) {
         for client in self.clients.values_mut().filter(|client| client.state == state.0) {
             *client = Client { state: client.state, latest: client.latest, ..Client::default() };
         }
@@ -226,7 +220,7 @@ impl Speeds {
     }
 
     /// Whether the configurations that it names are of the space.
-    pub(in crate::tuner) fn fits(&self, space: &crate::space::Space) -> bool {
+    pub(crate) fn fits(&self, space: &crate::space::Space) -> bool {
         let mut unheld = self.clients.values().flat_map(|client| &client.unheld);
         unheld.all(|one| space.owns(&one.configuration.0))
     }

@@ -33,7 +33,7 @@ use crate::tuner::knowledge::portfolio::MeasuredElsewhere;
 use crate::tuner::knowledge::states::{States, at};
 use crate::tuner::plan::Planned;
 
-pub(in crate::tuner) use other_machines::compare;
+pub(crate) use other_machines::compare;
 
 /// Number of nearest states that say whether those near by were searched.
 const NEAR: usize = 8;
@@ -42,19 +42,19 @@ const RUNS_STATES: usize = 48;
 
 /// The inputs of a transfer.
 #[derive(Clone, Copy, Debug)]
-pub(in crate::tuner) struct Transfer<'a> {
-    pub(in crate::tuner) spec: &'a StudySpec,
-    pub(in crate::tuner) states: &'a States,
-    pub(in crate::tuner) searches: &'a Searches,
-    pub(in crate::tuner) trials: &'a OpenTrials,
-    pub(in crate::tuner) models: &'a Models,
+pub(crate) struct Transfer<'a> {
+    pub(crate) spec: &'a StudySpec,
+    pub(crate) states: &'a States,
+    pub(crate) searches: &'a Searches,
+    pub(crate) trials: &'a OpenTrials,
+    pub(crate) models: &'a Models,
     /// The machine that asks, and all machines with it, where its state is not there yet; the study's first
     /// one without.
-    pub(in crate::tuner) asking: Option<(&'a Machines, MachineId)>,
+    pub(crate) asking: Option<(&'a Machines, MachineId)>,
 }
 
 impl<'a> Transfer<'a> {
-    pub(in crate::tuner) fn query(&self, normalised: &'a [f64], here: Option<StateId>) -> Query<'a> {
+    pub(crate) fn query(&self, normalised: &'a [f64], here: Option<StateId>) -> Query<'a> {
         let query = self.states.query(&self.spec.space, normalised, here);
         match self.asking.filter(|_| here.is_none()) {
             Some((machines, machine)) => Query { machines, machine, ..query },
@@ -65,7 +65,7 @@ impl<'a> Transfer<'a> {
     /// The configuration that the policy's predictor would exploit for these indicators in place of a
     /// measured rival, and the predictor that names it. The configuration was not measured in this state, can
     /// almost surely be run there, and is worth its risk.
-    pub(in crate::tuner) fn answer(
+    pub(crate) fn answer(
         &self,
         normalised: &'a [f64],
         here: Option<StateId>,
@@ -108,7 +108,7 @@ impl<'a> Transfer<'a> {
 
     /// The first configuration to run in a state without measurements, if the predictor expects much gain
     /// from other states' measurements. Trial `number` makes answers differ from one to the next.
-    pub(in crate::tuner) fn first(
+    pub(crate) fn first(
         &self,
         state: StateId,
         number: u64,
@@ -125,11 +125,7 @@ impl<'a> Transfer<'a> {
     /// Whether the search of a state begins with the best configurations of others: where the states near by
     /// were searched. Where every input is met only once, none was searched, and a predictor proposes
     /// instead.
-    pub(in crate::tuner) fn begins_with_portfolio(
-        &self,
-        normalised: &'a [f64],
-        here: Option<StateId>,
-    ) -> bool {
+    pub(crate) fn begins_with_portfolio(&self, normalised: &'a [f64], here: Option<StateId>) -> bool {
         if !self.warms_up_searches() {
             return false;
         }
@@ -146,7 +142,7 @@ impl<'a> Transfer<'a> {
     }
 
     /// The results that [`best_elsewhere`](Transfer::best_elsewhere) answers from, to be computed apart.
-    pub(in crate::tuner) fn evidence_elsewhere(
+    pub(crate) fn evidence_elsewhere(
         &self,
         normalised: &'a [f64],
         here: Option<StateId>,
@@ -158,7 +154,7 @@ impl<'a> Transfer<'a> {
 
     /// The incumbent or confirmed winner of other states that serves them best, for a state without a
     /// measured configuration that can be run.
-    pub(in crate::tuner) fn best_elsewhere(
+    pub(crate) fn best_elsewhere(
         &self,
         normalised: &'a [f64],
         here: Option<StateId>,
@@ -176,14 +172,14 @@ impl<'a> Transfer<'a> {
     }
 
     /// Whether nothing was begun in a state.
-    pub(in crate::tuner) fn is_untouched(&self, state: StateId) -> bool {
+    pub(crate) fn is_untouched(&self, state: StateId) -> bool {
         self.searches.of(state).is_none()
             && !self.trials.runs_anything(state)
             && self.states.results(state).tried() == 0
     }
 
     /// Whether exploiting asks a predictor, not only the tables of the state.
-    pub(in crate::tuner) fn needs_predictor(&self, here: Option<StateId>) -> bool {
+    pub(crate) fn needs_predictor(&self, here: Option<StateId>) -> bool {
         let is_known = |here: StateId| {
             let results = self.states.results(here);
             let policy = &self.spec.policy;
@@ -195,7 +191,7 @@ impl<'a> Transfer<'a> {
     }
 
     /// The nearest neighbour's answer, among configurations that are not known to fail.
-    pub(in crate::tuner) fn nearest(&self, normalised: &'a [f64], here: Option<StateId>) -> Option<Answer> {
+    pub(crate) fn nearest(&self, normalised: &'a [f64], here: Option<StateId>) -> Option<Answer> {
         Nearest.predict(&self.query(normalised, here))
     }
 }

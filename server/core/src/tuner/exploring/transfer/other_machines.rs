@@ -229,7 +229,7 @@ impl<'a> OtherMachines<'a> {
 impl Transfer<'_> {
     /// The best configuration of other machines in this state, as long as that counts for more than the
     /// machine's own measurements.
-    pub(in crate::tuner) fn best_by_machines(&self, state: StateId) -> Option<Exploitation> {
+    pub(crate) fn best_by_machines(&self, state: StateId) -> Option<Exploitation> {
         let peers = OtherMachines::of(self.states, self.spec.space.default_ref(), state);
         if peers.is_empty() {
             return None;
@@ -245,7 +245,7 @@ impl Transfer<'_> {
 
     /// The best configuration of other machines that this one has not measured yet, where its estimate beats
     /// this one's best. The default comes first, because machines are compared by it.
-    pub(in crate::tuner) fn untried_by_machines(&self, state: StateId) -> Option<ProposedTrial> {
+    pub(crate) fn untried_by_machines(&self, state: StateId) -> Option<ProposedTrial> {
         let results = self.states.results(state);
         let policy = &self.spec.policy;
         let is_finished = self.searches.are_spent(state, results, policy, policy.trials_per_state as usize);
@@ -297,7 +297,7 @@ fn by_machines(peers: &OtherMachines<'_>, estimate: &PooledEstimate) -> ByMachin
 }
 
 /// Compares a measured cost with the prediction of other machines' measurements, before it is learnt.
-pub(in crate::tuner) fn compare(
+pub(crate) fn compare(
     states: &mut States,
     default: &Configuration,
     state: StateId,
