@@ -62,8 +62,11 @@ impl Tuner {
         let mut change = Change { trials: vec![completed.clone()], ..Change::default() };
         change.visits.extend(self.visits.settle(&self.spec, completed));
         match completed.decision.fidelity {
-            Some(_) => self.telling().tell_cheaper(completed),
-            None => self.telling().tell_in_full(completed, &learnt),
+            Some(_) => {
+                let pace = self.speeds.pace_of(&self.spec.policy, &completed.client_id);
+                self.racing().tell_cheaper(completed, pace);
+            }
+            None => self.racing().tell_in_full(completed, &learnt),
         }
         if self.searches.changes(state) != before {
             change.states.push(self.standings().row(state));
@@ -85,7 +88,7 @@ impl Tuner {
     pub(super) fn take_back(&mut self, number: TrialNumber, state: TrialState) -> Option<Trial> {
         let mut trial = self.end(number)?;
         trial.state = state;
-        self.telling().release(&trial, None);
+        self.racing().release(&trial, None);
         Some(trial)
     }
 

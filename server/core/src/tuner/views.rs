@@ -12,7 +12,6 @@ use crate::tuner::exploring::confirmation::Racing;
 use crate::tuner::exploring::exploiting::Exploiting;
 use crate::tuner::exploring::repeats::Repeats;
 use crate::tuner::exploring::standings::Standings;
-use crate::tuner::exploring::telling::Telling;
 use crate::tuner::exploring::transfer::Transfer;
 use crate::tuner::exploring::walk::Walk;
 use crate::tuner::knowledge::gain::GainEvidence;
@@ -133,11 +132,6 @@ impl Tuner {
     pub(super) fn learning(&mut self) -> Learning<'_> {
         let Tuner { spec, states, history, speeds, rechecks, auxiliaries, models, searches, .. } = self;
         Learning { spec, states, history, speeds, rechecks, auxiliaries, models, searches }
-    }
-
-    pub(super) fn telling(&mut self) -> Telling<'_> {
-        let Tuner { spec, states, searches, assessments, speeds, .. } = self;
-        Telling { spec, states, searches, assessments, speeds }
     }
 
     pub(super) fn exploiting<'a>(&'a self, planned: &'a Planned) -> Exploiting<'a> {

@@ -27,7 +27,7 @@ use crate::tuner::knowledge::states::States;
 use crate::tuner::plan::Planned;
 use crate::tuner::proposal::ProposedTrial;
 
-/// The races of all states.
+/// The searches and races of all states, which results are passed on to (`telling`).
 #[derive(Debug)]
 pub(crate) struct Racing<'a> {
     pub(crate) spec: &'a Arc<StudySpec>,

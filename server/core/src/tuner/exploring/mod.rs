@@ -9,6 +9,6 @@ pub(super) mod race;
 pub(super) mod repeats;
 pub(super) mod searches;
 pub(super) mod standings;
-pub(super) mod telling;
+mod telling;
 pub(super) mod transfer;
 pub(super) mod walk;

@@ -1,39 +1,17 @@
 //! Passing results on: a completed trial to the search and the race that wait for it.
 
-use std::sync::Arc;
-
 use crate::configuration::Configuration;
 use crate::ids::StateId;
 use crate::objective::Objective;
-use crate::policy::Policy;
 use crate::results::Record;
 use crate::search::{Feedback, Step, Verdict};
-use crate::study::StudySpec;
 use crate::trial::{Outcome, Trial};
 use crate::tuner::Exploration;
 use crate::tuner::exploring::confirmation::Racing;
-use crate::tuner::exploring::searches::{Searches, is_spent};
+use crate::tuner::exploring::searches::is_spent;
 use crate::tuner::knowledge::LearntCost;
-use crate::tuner::knowledge::assessment::Assessments;
-use crate::tuner::knowledge::speeds::Speeds;
-use crate::tuner::knowledge::states::States;
 
-/// The searches and races that wait for results.
-#[derive(Debug)]
-pub(crate) struct Telling<'a> {
-    pub(crate) spec: &'a Arc<StudySpec>,
-    pub(crate) states: &'a States,
-    pub(crate) searches: &'a mut Searches,
-    pub(crate) assessments: &'a Assessments,
-    pub(crate) speeds: &'a Speeds,
-}
-
-impl Telling<'_> {
-    fn racing(&mut self) -> Racing<'_> {
-        let Telling { spec, states, searches, assessments, .. } = self;
-        Racing { spec, states, searches, assessments }
-    }
-
+impl Racing<'_> {
     /// Passes the result of a full trial to its search and to the race.
     pub(crate) fn tell_in_full(&mut self, completed: &Trial, learnt: &LearntCost) {
         let (state, replicates) = (StateId(completed.state_id), self.spec.policy.replicates);
@@ -50,7 +28,7 @@ impl Telling<'_> {
             _ => settled,
         };
         self.tell_of_transfer(completed, state, verdict);
-        self.racing().tell_race(completed, learnt.cost);
+        self.tell_race(completed, learnt.cost);
         self.release(completed, verdict.map(|verdict| Feedback { verdict, fresh: true }));
         self.weigh(state, &completed.configuration);
     }
@@ -67,15 +45,15 @@ impl Telling<'_> {
         }
     }
 
-    /// Passes the result of a trial at a cheaper level to its search, which alone hears of it. The point of a
-    /// silent one goes back.
-    pub(crate) fn tell_cheaper(&mut self, completed: &Trial) {
+    /// Passes the result of a trial at a cheaper level to its search, which alone hears of it: its cost at
+    /// the usual speed of its client's machine, whose present `pace` is this factor. The point of a silent one
+    /// goes back.
+    pub(crate) fn tell_cheaper(&mut self, completed: &Trial, pace: f64) {
         let state = StateId(completed.state_id);
         let name = completed.decision.fidelity.as_ref();
         let levels = self.spec.objective.fidelities();
         let share = levels.iter().find(|level| Some(&level.name) == name).map(|level| level.cost);
-        let factor = self.speeds.pace_of(&self.spec.policy, &completed.client_id);
-        let verdict = cheaper_verdict(&self.spec.objective, factor, completed);
+        let verdict = cheaper_verdict(&self.spec.objective, pace, completed);
         if let Some(share) = share.filter(|_| !completed.decision.silent)
             && let Some(own) = self.searches.change(state)
         {
@@ -111,7 +89,7 @@ impl Telling<'_> {
 
     /// Drops a spent search, which is not needed any more: the table holds its results.
     fn end_spent(&mut self, state: StateId) {
-        let (results, policy): (_, &Policy) = (self.states.results(state), &self.spec.policy);
+        let (results, policy) = (self.states.results(state), &self.spec.policy);
         let Some(exploration) = self.searches.change(state) else { return };
         if exploration.open.is_empty()
             && is_spent(
