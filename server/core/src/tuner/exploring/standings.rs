@@ -162,18 +162,8 @@ impl<'a> Standings<'a> {
     }
 
     /// The assessment of a state beside the default or a start that ran there, and whether it is up to date
-    /// with the table.
+    /// with the table. It is computed where it is missing and quick, or where it may take long.
     fn assessment(
-        &self,
-        state: StateId,
-        start: Option<&Configuration>,
-        planned: &Planned,
-    ) -> Option<(Arc<Assessment>, bool)> {
-        self.assessment_within(state, start, planned.is_at_once())
-    }
-
-    /// [`Standings::assessment`], which is computed where it is missing and quick, or where it may take long.
-    fn assessment_within(
         &self,
         state: StateId,
         start: Option<&Configuration>,
@@ -193,7 +183,7 @@ impl<'a> Standings<'a> {
     /// The assessment by which a race begins or is settled: one that is up to date, or the one that was made
     /// for this question. Where many clients report from the state, its table changes before that is made.
     pub(crate) fn assessment_of_race(&self, state: StateId, planned: &Planned) -> Option<Arc<Assessment>> {
-        let (made, is_current) = self.assessment(state, None, planned)?;
+        let (made, is_current) = self.assessment(state, None, planned.is_at_once())?;
         let is_fresh = || planned.has_assessed(state) && made.is_beside(self.confirmed(state));
         (is_current || is_fresh()).then_some(made)
     }
@@ -211,7 +201,7 @@ impl<'a> Standings<'a> {
             && self.is_settled(state)
             && let Some(record) = results.ran(self.incumbent(state))
         {
-            let made = self.assessment_within(state, None, false).map(|(made, _)| made);
+            let made = self.assessment(state, None, false).map(|(made, _)| made);
             let made = made.filter(|made| made.answer == record.configuration);
             // An incumbent that other states named has won nothing here.
             let was_won = self.race(state).is_some_and(|race| race.is_challenger(&record.configuration));
@@ -225,7 +215,7 @@ impl<'a> Standings<'a> {
                 gain_at_most: made.map(|made| made.gain_at_most),
             });
         }
-        if let Some((made, _)) = self.assessment(state, start, planned)
+        if let Some((made, _)) = self.assessment(state, start, planned.is_at_once())
             && results.ran(&made.answer).is_some()
         {
             return Some(Answered {
@@ -262,7 +252,7 @@ impl<'a> Standings<'a> {
     ) -> Option<Standing> {
         let start = self.measured(state, start);
         let answered = self.answered(state, start, planned)?;
-        let (made, _) = self.assessment(state, start, planned)?;
+        let (made, _) = self.assessment(state, start, planned.is_at_once())?;
         let is_of_answer = made.answer == answered.configuration;
         let (cost, low, high) = match is_of_answer {
             true => (made.cost, made.cost_low, made.cost_high),
