@@ -10,7 +10,7 @@ use crate::results::ResultTable;
 use crate::space::Space;
 use crate::standing::Standing;
 use crate::tuner::Tuner;
-use crate::tuner::knowledge::states::States;
+use crate::tuner::knowledge::States;
 use crate::tuner::plan::Planned;
 
 /// The policy's knowledge of a state.

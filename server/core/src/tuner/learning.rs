@@ -8,15 +8,11 @@ use crate::predict::Predictors;
 use crate::search::Verdict;
 use crate::study::StudySpec;
 use crate::trial::{Outcome, Trial};
-use crate::tuner::exploring::searches::Searches;
-use crate::tuner::exploring::transfer;
-use crate::tuner::knowledge::auxiliaries::{Auxiliaries, Beside};
-use crate::tuner::knowledge::history::History;
-use crate::tuner::knowledge::models::Models;
-use crate::tuner::knowledge::rechecks::{Moved, Rechecks};
-use crate::tuner::knowledge::speeds::{Speeds, Unheld};
-use crate::tuner::knowledge::states::States;
-use crate::tuner::knowledge::{LearntCost, models, progress};
+use crate::tuner::exploring::{Searches, transfer};
+use crate::tuner::knowledge::{
+    Auxiliaries, Beside, History, LearntCost, Models, Moved, Rechecks, Speeds, States, Unheld, models,
+    progress,
+};
 
 /// The parts that learn.
 #[derive(Debug)]

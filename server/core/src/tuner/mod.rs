@@ -70,16 +70,9 @@ use crate::policy::Policy;
 use crate::predict::Predictors;
 use crate::study::{StudyError, StudySpec};
 use crate::trial::{Fingerprint, Outcome, Trial, TrialState};
-use crate::tuner::clients::trials::OpenTrials;
-use crate::tuner::clients::visits::Visits;
-use crate::tuner::exploring::searches::Searches;
-use crate::tuner::knowledge::assessment::Assessments;
-use crate::tuner::knowledge::auxiliaries::Auxiliaries;
-use crate::tuner::knowledge::history::History;
-use crate::tuner::knowledge::models::Models;
-use crate::tuner::knowledge::rechecks::Rechecks;
-use crate::tuner::knowledge::speeds::Speeds;
-use crate::tuner::knowledge::states::States;
+use crate::tuner::clients::{OpenTrials, Visits};
+use crate::tuner::exploring::Searches;
+use crate::tuner::knowledge::{Assessments, Auxiliaries, History, Models, Rechecks, Speeds, States};
 use crate::tuner::plan::Planned;
 
 /// The state machine of one study. Pure: time comes in as `now_ms`, randomness from the study's seed.

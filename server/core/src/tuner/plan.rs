@@ -18,9 +18,7 @@ use crate::predict::contextual::FitRequest;
 use crate::predict::{Answer, FitTime};
 use crate::search::{AnySearch, PlannedPoint};
 use crate::study::StudySpec;
-use crate::tuner::knowledge::assessment::{Assessment, AssessmentRequest, Assessments};
-use crate::tuner::knowledge::portfolio::MeasuredElsewhere;
-use crate::tuner::knowledge::warm_start::WarmStart;
+use crate::tuner::knowledge::{Assessment, AssessmentRequest, Assessments, MeasuredElsewhere, WarmStart};
 
 /// The computation before a question can be answered quickly: copies of its inputs.
 #[derive(Clone, Debug)]

@@ -11,8 +11,8 @@ use crate::policy::PredictorMethod;
 use crate::predict::Predictors;
 use crate::study::StudySpec;
 use crate::trial::{Trial, TrialState};
-use crate::tuner::clients::trials::OpenTrials;
-use crate::tuner::knowledge::states::States;
+use crate::tuner::clients::OpenTrials;
+use crate::tuner::knowledge::States;
 use crate::tuner::{Change, Checkpoint, Exploration, RestoreError, Snapshot, StateRecord, Tuner, Visit};
 
 /// A tuner that is being rebuilt. The driver reads the completed trials behind [`after`](Restoring::after) in

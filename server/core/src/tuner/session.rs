@@ -11,8 +11,8 @@ use crate::policy::{Operation, Policy, PredictorMethod};
 use crate::randomness::{Purpose, stream};
 use crate::session::SessionPolicy;
 use crate::tuner::Prospect;
-use crate::tuner::exploring::standings::Standings;
-use crate::tuner::knowledge::gain::GainEvidence;
+use crate::tuner::exploring::Standings;
+use crate::tuner::knowledge::GainEvidence;
 use crate::tuner::proposal::Ground;
 
 /// A client that stays for this number of frames divided by epsilon explores without a draw, unless the

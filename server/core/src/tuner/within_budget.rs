@@ -13,7 +13,7 @@ use crate::results::{Record, ResultTable};
 use crate::robust::is_torn;
 use crate::tuner::budget::{Denied, Terms};
 use crate::tuner::explore::Explored;
-use crate::tuner::knowledge::gain::GainEvidence;
+use crate::tuner::knowledge::GainEvidence;
 use crate::tuner::plan::Planned;
 use crate::tuner::proposal::Exploitation;
 use crate::tuner::{Ask, Prediction, Tuner};

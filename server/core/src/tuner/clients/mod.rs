@@ -1,4 +1,7 @@
 //! The clients of a study: their visits and budgets, and the trials that they hold.
 
-pub(super) mod trials;
-pub(super) mod visits;
+mod trials;
+mod visits;
+
+pub(crate) use trials::OpenTrials;
+pub(crate) use visits::Visits;

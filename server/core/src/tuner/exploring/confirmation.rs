@@ -21,9 +21,7 @@ use crate::trial::{Outcome, Trial};
 use crate::tuner::exploring::race::{Confirming, Finding};
 use crate::tuner::exploring::searches::Searches;
 use crate::tuner::exploring::standings::Standings;
-use crate::tuner::knowledge::Stored;
-use crate::tuner::knowledge::assessment::Assessments;
-use crate::tuner::knowledge::states::States;
+use crate::tuner::knowledge::{Assessments, States, Stored};
 use crate::tuner::plan::Planned;
 use crate::tuner::proposal::ProposedTrial;
 

@@ -2,13 +2,21 @@
 //! and what is exploited meanwhile.
 
 pub(super) mod confirmation;
-pub(super) mod exploiting;
+mod exploiting;
 pub(super) mod exploration;
-pub(super) mod few;
-pub(super) mod race;
-pub(super) mod repeats;
-pub(super) mod searches;
-pub(super) mod standings;
+mod few;
+mod race;
+mod repeats;
+mod searches;
+mod standings;
 mod telling;
 pub(super) mod transfer;
-pub(super) mod walk;
+mod walk;
+
+pub(crate) use confirmation::Racing;
+pub(crate) use exploiting::Exploiting;
+pub(crate) use repeats::Repeats;
+pub(crate) use searches::{Searches, is_spent};
+pub(crate) use standings::Standings;
+pub(crate) use transfer::Transfer;
+pub(crate) use walk::{NextPoint, Walk, drawn, unseen};

@@ -10,8 +10,7 @@ use crate::robust::NOISE_LEAST;
 use crate::space::Space;
 use crate::standing::Gain;
 use crate::statistics::confirm::{Race, RaceResult, rounds_needed};
-use crate::tuner::knowledge::Stored;
-use crate::tuner::knowledge::assessment::Assessment;
+use crate::tuner::knowledge::{Assessment, Stored};
 
 /// Most of a search's best configurations that run against the incumbent.
 const CHALLENGERS_MAX: usize = 4;

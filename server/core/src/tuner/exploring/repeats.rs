@@ -9,9 +9,7 @@ use crate::search::Step;
 use crate::tuner::exploring::few;
 use crate::tuner::exploring::standings::Standings;
 use crate::tuner::exploring::transfer::Transfer;
-use crate::tuner::knowledge::auxiliaries::Auxiliaries;
-use crate::tuner::knowledge::rechecks::Rechecks;
-use crate::tuner::knowledge::speeds::Speeds;
+use crate::tuner::knowledge::{Auxiliaries, Rechecks, Speeds};
 use crate::tuner::proposal::ProposedTrial;
 
 /// Where another configuration beats an incumbent of other states, the incumbent is measured again after

@@ -11,8 +11,7 @@ use crate::search::{AnySearch, hears_others};
 use crate::space::Space;
 use crate::tuner::Exploration;
 use crate::tuner::exploring::few::{self, FewConfigurations};
-use crate::tuner::knowledge::Stored;
-use crate::tuner::knowledge::states::place;
+use crate::tuner::knowledge::{Stored, place};
 
 /// The search of each state, in the order of their ids.
 #[derive(Clone, Debug)]

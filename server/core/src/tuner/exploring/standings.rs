@@ -13,8 +13,7 @@ use crate::standing::{Confirmation, ConfirmationStage, Gain, LIKELY, Standing};
 use crate::study::StudySpec;
 use crate::tuner::exploring::race::Confirming;
 use crate::tuner::exploring::searches::{Searches, is_spent};
-use crate::tuner::knowledge::assessment::{Assessment, AssessmentRequest, Assessments};
-use crate::tuner::knowledge::states::States;
+use crate::tuner::knowledge::{Assessment, AssessmentRequest, Assessments, States};
 use crate::tuner::plan::Planned;
 use crate::tuner::{Best, StateRecord};
 

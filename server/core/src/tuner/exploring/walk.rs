@@ -12,11 +12,10 @@ use crate::randomness::{Purpose, stream};
 use crate::search::{AnySearch, Feedback, Point, SearchSetup, Step, Verdict};
 use crate::study::StudySpec;
 use crate::tuner::Exploration;
-use crate::tuner::clients::trials::OpenTrials;
+use crate::tuner::clients::OpenTrials;
 use crate::tuner::exploring::searches::{Searches, is_spent};
 use crate::tuner::exploring::transfer::Transfer;
-use crate::tuner::knowledge::models::Models;
-use crate::tuner::knowledge::states::States;
+use crate::tuner::knowledge::{Models, States};
 use crate::tuner::plan::Planned;
 use crate::tuner::proposal::ProposedTrial;
 

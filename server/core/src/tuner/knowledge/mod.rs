@@ -2,16 +2,27 @@
 //! costs are believed to be, and what models and other states say.
 
 pub(super) mod assessment;
-pub(super) mod auxiliaries;
-pub(super) mod gain;
-pub(super) mod history;
+mod auxiliaries;
+mod gain;
+mod history;
 pub(super) mod models;
-pub(super) mod portfolio;
+mod portfolio;
 pub(super) mod progress;
-pub(super) mod rechecks;
-pub(super) mod speeds;
-pub(super) mod states;
+mod rechecks;
+mod speeds;
+mod states;
 pub(super) mod warm_start;
+
+pub(crate) use assessment::{Assessment, AssessmentRequest, Assessments};
+pub(crate) use auxiliaries::{Auxiliaries, Beside};
+pub(crate) use gain::GainEvidence;
+pub(crate) use history::History;
+pub(crate) use models::Models;
+pub(crate) use portfolio::{MeasuredElsewhere, OtherState};
+pub(crate) use rechecks::{Moved, Rechecks};
+pub(crate) use speeds::{Speeds, Unheld};
+pub(crate) use states::{States, at, place};
+pub(crate) use warm_start::WarmStart;
 
 use serde::{Deserialize, Serialize};
 
@@ -20,7 +31,7 @@ use crate::configuration::{Configuration, unchecked};
 /// A configuration as it stands in a state's row.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(transparent)]
-pub(crate) struct Stored(#[serde(with = "unchecked")] pub(in crate::tuner) Configuration);
+pub(crate) struct Stored(#[serde(with = "unchecked")] pub(crate) Configuration);
 
 /// The learnt cost of a completed trial.
 #[derive(Clone, Copy, Debug)]

@@ -5,7 +5,7 @@ use super::*;
 use crate::limits::DEFERRED_UPDATES_MAX;
 use crate::search::{AnySearch, SearchSetup};
 use crate::trial::Fingerprint;
-use crate::tuner::exploring::searches::Searches;
+use crate::tuner::exploring::Searches;
 use crate::tuner::plan::Planned;
 
 fn search(state: u64) -> AnySearch {

@@ -9,9 +9,8 @@ use crate::predict::state_index::IndexEntry;
 use crate::search::hears_others;
 use crate::trial::Neighbour;
 use crate::tuner::exploring::transfer::Transfer;
-use crate::tuner::knowledge::portfolio::{MeasuredElsewhere, OtherState};
-use crate::tuner::knowledge::states::at;
 use crate::tuner::knowledge::warm_start::STATES;
+use crate::tuner::knowledge::{MeasuredElsewhere, OtherState, at};
 
 /// Number of measurements in a state from which on a result is not the luck of one.
 const REPEATED: u64 = 2;

@@ -26,11 +26,9 @@ use crate::predict::state_index::IndexEntry;
 use crate::predict::{Answer, Nearest, Predictor as _, Query, RUNS_LEAST, WORTH, runs_after};
 use crate::results::SEARCHED_LEAST;
 use crate::study::StudySpec;
-use crate::tuner::clients::trials::OpenTrials;
+use crate::tuner::clients::OpenTrials;
 use crate::tuner::exploring::searches::Searches;
-use crate::tuner::knowledge::models::Models;
-use crate::tuner::knowledge::portfolio::MeasuredElsewhere;
-use crate::tuner::knowledge::states::{States, at};
+use crate::tuner::knowledge::{MeasuredElsewhere, Models, States, at};
 use crate::tuner::plan::Planned;
 
 pub(crate) use other_machines::compare;

@@ -19,7 +19,7 @@ use crate::limits::{NEIGHBOURS_MAX, REWARD_COST_MIN};
 use crate::results::Record;
 use crate::trial::Neighbour;
 use crate::tuner::exploring::transfer::Transfer;
-use crate::tuner::knowledge::states::States;
+use crate::tuner::knowledge::States;
 use crate::tuner::proposal::{Exploitation, ProposedTrial};
 
 /// The assumed difference of an unmeasured configuration's cost from the default's, as a logarithm.
