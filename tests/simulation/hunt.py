@@ -55,10 +55,10 @@ DEFECTS = {
     "completed_trial_learnt_twice": (
         "server/core/src/tuner/report.rs",
         "let learnt = self.complete(completed);\n",
-        "if HERE { self.states.learn(state, completed); }\n        let learnt = self.complete(completed);\n",
+        "if HERE { self.states.learn(state, completed, 0.0); }\n        let learnt = self.complete(completed);\n",
     ),
     "lease_never_ends": (
-        "server/core/src/tuner/trials.rs",
+        "server/core/src/tuner/clients/trials.rs",
         "self.leases.range(..(now_ms, TrialNumber(0)))",
         "self.leases.range(..(if HERE { 0.min(now_ms) } else { now_ms }, TrialNumber(0)))",
     ),

@@ -25,7 +25,7 @@ use crate::search::Verdict;
 use crate::space::Space;
 use crate::trial::{Mode, Outcome, Trial};
 pub use known::KnownState;
-pub(crate) use known::{NOISE_PRIOR, runs_start};
+pub(crate) use known::runs_start;
 use known::{Rank, moment};
 
 /// A search of fewer configurations says little of a state.

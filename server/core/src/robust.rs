@@ -39,7 +39,14 @@ pub const REACH_AFTER: usize = 6;
 /// Deviations beyond which one of several measurements counts as if it were no further away.
 const WILD: f64 = 4.0;
 /// The least deviation that is assumed for logarithms of measurements.
-const SPREAD_LEAST: f64 = 0.005;
+pub(crate) const SPREAD_LEAST: f64 = 0.005;
+
+/// The noise of one measurement, relative to its cost, that is assumed before anything was measured twice.
+pub(crate) const NOISE_PRIOR: f64 = 0.05;
+/// That noise where frames are compared: a tenth.
+pub(crate) const FRAME_NOISE_PRIOR: f64 = 0.1;
+/// The least noise that is assumed: timers and clocks are not better.
+pub(crate) const NOISE_LEAST: f64 = 0.01;
 
 /// The least that a measurement counts for, in usual ones.
 const WEIGHT_LEAST: f64 = 1e-3;

@@ -1,7 +1,7 @@
 //! Suggest and report, as two requests or as one: the requests of a client's frame.
 
 use treewright_core::trial::{RawTrial, Trial, TrialState};
-use treewright_core::tuner::{Change, Tuner, TunerError};
+use treewright_core::tuner::{Change, DecisionStep, Tuner, TunerError};
 use treewright_store::{Fence, Receipt, Store};
 
 use super::loading::misfit;
@@ -236,16 +236,11 @@ impl Live {
             debug_assert!(prepared.plan.is_none(), "a wish needs no plan");
             return Ok(self.tuner.suggest_wanted(ask, wanted.clone(), now_ms));
         }
-        if let Some(plan) = prepared.plan {
-            return Ok(self.tuner.suggest_planned(ask, plan, now_ms));
-        }
-        let question = match self.tuner.question(ask) {
-            Ok(question) => question,
-            Err(refused) => return Ok(Err(refused)),
-        };
-        match self.tuner.plan(&question, |state| self.planned_searches.is_free(state)) {
-            Some(request) => Err(self.preparation(request, prepared.is_updated)),
-            None => Ok(self.tuner.suggest_now(question, now_ms)),
+        let may_plan = |state| self.planned_searches.is_free(state);
+        match self.tuner.suggest_step(ask, prepared.plan, may_plan, now_ms) {
+            Ok(DecisionStep::Need(request)) => Err(self.preparation(request, prepared.is_updated)),
+            Ok(DecisionStep::Done(answer)) => Ok(Ok(answer)),
+            Err(refused) => Ok(Err(refused)),
         }
     }
 

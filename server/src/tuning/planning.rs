@@ -35,12 +35,12 @@ pub(super) enum Preparation {
 
 impl Live {
     /// The computation that a question needs before its answer with this plan.
-    pub(super) fn preparation(&mut self, request: PlanRequest, is_updated: bool) -> Preparation {
+    pub(super) fn preparation(&mut self, request: Box<PlanRequest>, is_updated: bool) -> Preparation {
         if !is_updated && self.tuner.has_deferred_updates() {
             return Preparation::Update;
         }
         let token = request.searched_state().map(|state| self.planned_searches.take(state));
-        Preparation::Plan(Box::new(request), token, self.fence().clone())
+        Preparation::Plan(request, token, self.fence().clone())
     }
 }
 
@@ -194,7 +194,7 @@ mod tests {
                     let ask = Ask { client_id: "one".to_owned(), indicators, ..Ask::default() };
                     let question = live.tuner.question(&ask).expect("valid");
                     let request = live.tuner.plan(&question, |_| true)?;
-                    Some(live.preparation(request, true))
+                    Some(live.preparation(Box::new(request), true))
                 });
                 begun = preparation.await.expect("in memory");
                 if begun.is_some() {

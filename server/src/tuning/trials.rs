@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use treewright_core::configuration::RawConfiguration;
 use treewright_core::trial::{Fingerprint, RawTrial, Trial, TrialState};
-use treewright_core::tuner::{Best, Change, Prediction, SuggestionPlan, Tuner, TunerError};
+use treewright_core::tuner::{Best, Change, DecisionStep, Prediction, Tuner, TunerError};
 use treewright_store::{Receipt, Store, TrialPage, TrialQuery};
 
 use super::frames::ClosedMark;
@@ -146,16 +146,16 @@ impl Tuning {
                 return Ok(Err(another));
             }
             let start = live.present_start(space_revision, start.cloned());
-            let plan = match prepared.plan {
-                Some(plan) => plan,
-                None => match live.tuner.plan_prediction(indicators, fingerprint, start.as_ref()) {
-                    Some(request) => return Err(live.preparation(request, prepared.is_updated)),
-                    None => SuggestionPlan::default(),
-                },
+            let predicted = live.tuner.predict_step(indicators, fingerprint, start.as_ref(), prepared.plan);
+            let predicted = match predicted {
+                Ok(DecisionStep::Need(request)) => {
+                    return Err(live.preparation(request, prepared.is_updated));
+                }
+                Ok(DecisionStep::Done(prediction)) => {
+                    live.in_revision(space_revision, start.as_ref(), prediction)
+                }
+                Err(refused) => Err(refused),
             };
-            let predicted = live.tuner.predict_planned(indicators, fingerprint, start.as_ref(), plan);
-            let in_revision = |prediction| live.in_revision(space_revision, start.as_ref(), prediction);
-            let predicted = predicted.and_then(in_revision);
             Ok(predicted.map_err(Error::from))
         })
         .await?
@@ -178,14 +178,14 @@ impl Tuning {
                     return Ok(Err(another));
                 }
                 let start = live.present_start(space_revision, start.cloned());
-                let plan = match prepared.plan {
-                    Some(plan) => plan,
-                    None => match live.tuner.plan_best(indicators, fingerprint, start.as_ref()) {
-                        Some(request) => return Err(live.preparation(request, prepared.is_updated)),
-                        None => SuggestionPlan::default(),
-                    },
+                let best = live.tuner.best_step(indicators, fingerprint, start.as_ref(), prepared.plan);
+                let best = match best {
+                    Ok(DecisionStep::Need(request)) => {
+                        return Err(live.preparation(request, prepared.is_updated));
+                    }
+                    Ok(DecisionStep::Done(best)) => Ok(best),
+                    Err(refused) => Err(refused),
                 };
-                let best = live.tuner.best_planned(indicators, fingerprint, start.as_ref(), plan);
                 let is_measured = |best: &Best| best.cost.is_finite() && best.measurements > 0;
                 debug_assert!(best.iter().flatten().all(is_measured), "{best:?} was never measured");
                 let in_revision = |best| live.best_in_revision(space_revision, best);

@@ -15,7 +15,7 @@ use treewright_core::policy::{Operation, Policy, PredictorMethod, SearchMethod};
 use treewright_core::space::{Scale, Space};
 use treewright_core::study::StudySpec;
 use treewright_core::trial::{Fingerprint, Outcome, Trial};
-use treewright_core::tuner::{Ask, Change, Tuner};
+use treewright_core::tuner::{Ask, Change, DecisionStep, Tuner};
 use treewright_core::value::Value;
 use treewright_core::words::Word as _;
 
@@ -155,10 +155,13 @@ impl Session {
             if let Some(updates) = self.tuner.deferred_updates() {
                 self.tuner.apply_updates(updates.compute(&spec.space));
             }
-            let question = self.tuner.question(&ask).expect("a valid question");
-            match self.tuner.plan(&question, |_| true) {
-                Some(request) => self.tuner.suggest_planned(&ask, request.compute(), self.now_ms),
-                None => self.tuner.suggest_now(question, self.now_ms),
+            let mut plan = None;
+            loop {
+                match self.tuner.suggest_step(&ask, plan, |_| true, self.now_ms) {
+                    Ok(DecisionStep::Need(request)) => plan = Some(request.compute()),
+                    Ok(DecisionStep::Done(answer)) => break Ok(answer),
+                    Err(refused) => break Err(refused),
+                }
             }
         } else {
             self.tuner.suggest(&ask, self.now_ms)

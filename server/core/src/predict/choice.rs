@@ -20,6 +20,25 @@ const TESTS_EAGER: u64 = 256;
 /// From then on one trial of this number is a test, so that a report stays cheap.
 const TESTS_SHARE: u64 = 16;
 
+/// The fit of the predictor whose answers take one.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum FitTime<'a> {
+    /// It is made when it is needed.
+    Now,
+    /// It was made before. It gave this answer, or none.
+    Before(Option<&'a Answer>),
+}
+
+impl FitTime<'_> {
+    /// The answer of a predictor, which is `asked` where its answers take no fit.
+    fn answer(self, speaker: PredictorMethod, asked: impl FnOnce() -> Option<Answer>) -> Option<Answer> {
+        match self {
+            FitTime::Before(answer) if speaker == PredictorMethod::Contextual => answer.cloned(),
+            FitTime::Now | FitTime::Before(_) => asked(),
+        }
+    }
+}
+
 /// The predictors that a study's policy needs: its own, or for [`PredictorMethod::Auto`] all of them, each
 /// trained on every trial, with the errors of their tests. Those that learn nothing are always among them.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -200,33 +219,19 @@ impl Predictors {
     /// The answer to exploit, and its predictor: the method's own, else (a model may have no answer) the
     /// nearest neighbour.
     pub fn predict(&self, method: PredictorMethod, query: &Query<'_>) -> Option<(Answer, PredictorMethod)> {
-        let speaker = self.speaker(method);
-        let own = self.single(speaker).and_then(|predictor| predictor.predict(query));
-        self.or_nearest(speaker, own, query)
+        self.predict_fitted(method, query, FitTime::Now)
     }
 
-    /// Predicts with the answer to a [request](Predictors::request) that was computed before.
-    pub(crate) fn predict_ahead(
+    /// [`Predictors::predict`] with the fit of a [request](Predictors::request).
+    pub(crate) fn predict_fitted(
         &self,
         method: PredictorMethod,
         query: &Query<'_>,
-        answer: Option<&Answer>,
+        fitted: FitTime<'_>,
     ) -> Option<(Answer, PredictorMethod)> {
-        match self.speaker(method) {
-            PredictorMethod::Contextual => {
-                self.or_nearest(PredictorMethod::Contextual, answer.cloned(), query)
-            }
-            _ => self.predict(method, query),
-        }
-    }
-
-    fn or_nearest(
-        &self,
-        speaker: PredictorMethod,
-        own: Option<Answer>,
-        query: &Query<'_>,
-    ) -> Option<(Answer, PredictorMethod)> {
-        let (answer, method) = match own {
+        let speaker = self.speaker(method);
+        let asked = || self.single(speaker).and_then(|predictor| predictor.predict(query));
+        let (answer, method) = match fitted.answer(speaker, asked) {
             Some(answer) => (answer, speaker),
             // A predictor that cannot judge its risk must not replace one that found the risk too high.
             None if speaker == PredictorMethod::Contextual && query.rival.is_some() => return None,
@@ -238,28 +243,16 @@ impl Predictors {
 
     /// The first point to explore in a state without measurements, and its predictor. `None` when the method
     /// proposes nothing, or its model is not to be trusted yet.
-    pub fn propose(
+    pub(crate) fn propose(
         &self,
         method: PredictorMethod,
         query: &Query<'_>,
         number: u64,
+        fitted: FitTime<'_>,
     ) -> Option<(Answer, PredictorMethod)> {
         let proposer = self.speaker(method);
-        self.single(proposer)?.propose(query, number).map(|answer| (answer, proposer))
-    }
-
-    /// Proposes with the answer to a request that was computed before.
-    pub(crate) fn propose_ahead(
-        &self,
-        method: PredictorMethod,
-        query: &Query<'_>,
-        number: u64,
-        answer: Option<&Answer>,
-    ) -> Option<(Answer, PredictorMethod)> {
-        match self.speaker(method) {
-            PredictorMethod::Contextual => Some((answer?.clone(), PredictorMethod::Contextual)),
-            _ => self.propose(method, query, number),
-        }
+        let asked = || self.single(proposer)?.propose(query, number);
+        fitted.answer(proposer, asked).map(|answer| (answer, proposer))
     }
 
     /// The fit that makes [`Predictors::predict`] a matter of microseconds; `None` if none is needed.

@@ -19,6 +19,7 @@ use crate::results::KnownState;
 use crate::search::Verdict;
 use crate::space::Space;
 use crate::trial::Neighbour;
+pub(crate) use choice::FitTime;
 pub use choice::Predictors;
 pub use contextual::Contextual;
 pub use deferred::{ComputedUpdates, DeferredUpdates};
@@ -107,7 +108,7 @@ impl Query<'_> {
     }
 }
 
-/// Least ratio of the expected gain to the expected loss of an unmeasured answer.
+/// Least ratio of an answer's expected gain, over an incumbent or a measured rival, to its expected loss.
 pub(crate) const WORTH: f64 = 20.0;
 /// Least probability that such an answer can be run.
 pub(crate) const RUNS_LEAST: f64 = 0.99;

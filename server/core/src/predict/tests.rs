@@ -143,7 +143,7 @@ fn without_a_trial_there_is_no_answer() {
     for method in methods() {
         assert_eq!(world.ask(method, &[0.1, 0.2, 0.3]), None, "{method:?}");
         let query = world.query(&[0.1, 0.2, 0.3]);
-        assert_eq!(world.predictors.propose(method, &query, 1), None, "{method:?}");
+        assert_eq!(world.predictors.propose(method, &query, 1, FitTime::Now), None, "{method:?}");
         assert_eq!(world.predictors.estimate(method, &query, world.space.default_ref()), None);
     }
 }
@@ -309,12 +309,11 @@ fn a_state_unlike_all_others_does_not_decide_next_to_it() {
 #[test]
 fn one_predictor_proposes_and_never_twice_the_same() {
     let world = trained(20, 2, 1.0);
-    let propose = |number| {
-        world.predictors.propose(PredictorMethod::Contextual, &world.query(&[0.4; 3]), number).expect("one")
-    };
-    assert_ne!(propose(1).0.configuration, propose(2).0.configuration);
-    let silent = world.predictors.propose(PredictorMethod::NearestNeighbour, &world.query(&[0.4; 3]), 1);
-    assert_eq!(silent, None);
+    let propose =
+        |method, number| world.predictors.propose(method, &world.query(&[0.4; 3]), number, FitTime::Now);
+    let by_model = |number| propose(PredictorMethod::Contextual, number).expect("one").0.configuration;
+    assert_ne!(by_model(1), by_model(2));
+    assert_eq!(propose(PredictorMethod::NearestNeighbour, 1), None);
 }
 
 proptest! {
@@ -342,7 +341,7 @@ proptest! {
                 let query = world.query(&state);
                 let answers = [
                     world.predictors.predict(method, &query),
-                    world.predictors.propose(method, &query, 1),
+                    world.predictors.propose(method, &query, 1, FitTime::Now),
                 ];
                 for (answer, _) in answers.into_iter().flatten() {
                     let Estimate { cost, deviation } = answer.expected;

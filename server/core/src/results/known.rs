@@ -8,12 +8,10 @@ use super::{Record, ResultTable};
 use crate::configuration::Configuration;
 use crate::fnv;
 use crate::ids::{MachineId, StateId};
-use crate::robust::Moment;
+use crate::robust::{FRAME_NOISE_PRIOR, Moment, NOISE_LEAST, NOISE_PRIOR};
 use crate::trial::{Mode, Outcome, Trial};
 
-/// The noise that is assumed before anything was measured twice, and the bounds of its estimate.
-pub(crate) const NOISE_PRIOR: f64 = 0.05;
-const NOISE_LEAST: f64 = 0.01;
+/// The most noise that is assumed.
 const NOISE_MAX: f64 = 0.2;
 /// Standard deviations of their difference by which one configuration beats another.
 const BEATS: f64 = 2.5;
@@ -109,6 +107,11 @@ impl ResultTable {
     pub(crate) fn beats(&self, one: &Record, other: &Record) -> bool {
         let parts = 1.0 / one.measurements as f64 + 1.0 / other.measurements as f64;
         libm::log(other.mean_cost / one.mean_cost) > BEATS * self.assumed_noise() * parts.sqrt()
+    }
+
+    /// The noise of a frame: as measured, else what is assumed of frames.
+    pub(crate) fn frame_noise(&self) -> f64 {
+        self.noise().unwrap_or(FRAME_NOISE_PRIOR).max(NOISE_LEAST)
     }
 
     /// The best measured configuration that can be run, without those that were measured once, far from all

@@ -32,7 +32,7 @@ use std::rc::Rc;
 
 use crate::limits::{CELLS_MAX, DRIFT_CELLS_LEAST};
 use crate::matrix::{Factor, dot, matern};
-use crate::robust::Moment;
+use crate::robust::{Moment, NOISE_PRIOR};
 use crate::statistics::distribution::{student_cdf, student_excess};
 
 /// Models in which costs differ.
@@ -84,8 +84,7 @@ const DRIFTS: [Drift; 2] = [Drift { variance: 3.0, trials: 8.0 }, Drift { varian
 const DRIFT_PRIOR: f64 = 0.4;
 /// The probability, before anything is measured, that all costs are equal.
 const FLAT_PRIOR: f64 = 0.2;
-/// The prior noise of logarithms of costs, and its weight in measurements.
-const NOISE_PRIOR: f64 = 0.05;
+/// The weight of the prior noise, in measurements.
 const NOISE_PRIOR_COUNT: f64 = 3.0;
 /// Measurements of a configuration form one cell where they ran within this number of trials: speed does not
 /// wander far in that time.

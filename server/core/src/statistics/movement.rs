@@ -12,16 +12,13 @@
 use serde::{Deserialize, Serialize};
 
 use crate::matrix::Factor;
-use crate::robust::{deviation, median, reach_of};
+use crate::robust::{NOISE_LEAST, NOISE_PRIOR, deviation, median, reach_of};
 use crate::statistics::auxiliary::{Observation, Row, by_configuration};
 
 /// Least number of measurements for an estimate of slopes.
 const MEASUREMENTS_LEAST: usize = 8;
 /// Standard deviations of the effect of all movements together on the logarithm of a cost, beside no effect.
 const EFFECTS: [f64; 3] = [0.02, 0.06, 0.18];
-/// Standard deviation of the noise of a measurement before anything was measured often enough, and the least.
-const NOISE_PRIOR: f64 = 0.05;
-const NOISE_LEAST: f64 = 0.01;
 /// The least standard deviation between configurations.
 const BETWEEN_LEAST: f64 = 0.02;
 /// Least number of repeats for an estimate of noise.

@@ -159,16 +159,10 @@ impl CostTable {
         (0..count).map(mean).collect()
     }
 
-    /// The members of a portfolio, at most `members`, as places of configurations. The best fixed one is
-    /// first, then each time the most helpful one: those known in many states, then `always`, then the
-    /// others. `always` are members even if they do not help, and count towards the number. Empty where
-    /// nothing was measured.
-    pub fn portfolio(&self, members: usize, always: &[usize]) -> Vec<usize> {
-        let all: Vec<usize> = (0..self.rows.first().map_or(0, Vec::len)).collect();
-        self.portfolio_among(&all, members, always)
-    }
-
-    /// A portfolio where only some may be members, beside those that always are.
+    /// The members of a portfolio, at most `members` of those `among` which it is chosen, as places of
+    /// configurations. The best fixed one is first, then each time the most helpful one: those known in many
+    /// states, then `always`, then the others. `always` are members even if they do not help, and count
+    /// towards the number. Empty where nothing was measured.
     pub fn portfolio_among(&self, among: &[usize], members: usize, always: &[usize]) -> Vec<usize> {
         let completed = self.completed();
         let Some(count) = completed.first().map(Vec::len) else { return Vec::new() };
@@ -341,6 +335,14 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
+
+    impl CostTable {
+        /// The members of a portfolio of all.
+        fn portfolio(&self, members: usize, always: &[usize]) -> Vec<usize> {
+            let all: Vec<usize> = (0..self.rows.first().map_or(0, Vec::len)).collect();
+            self.portfolio_among(&all, members, always)
+        }
+    }
 
     fn table(costs: &[&[f64]]) -> CostTable {
         let known = |cost: &f64| match *cost {

@@ -19,10 +19,7 @@ use crate::predict::Predictors;
 use crate::predict::state_index::IndicatorStatistics;
 use crate::results::ResultTable;
 use crate::study::StudySpec;
-use crate::tuner::auxiliaries::Auxiliaries;
-use crate::tuner::history::History;
-use crate::tuner::rechecks::Rechecks;
-use crate::tuner::speeds::Speeds;
+use crate::tuner::knowledge::{Auxiliaries, History, Rechecks, Speeds};
 use crate::tuner::{Checkpoint, CheckpointTooLarge, Tuner};
 
 /// To be raised whenever anything changes that a checkpoint holds, or how trials are learnt.

@@ -1,47 +1,13 @@
-//! The decision to explore or to exploit, and the choice of the exploited configuration.
+//! The decision to explore or to exploit.
 
-use rand::RngExt;
-
-use crate::configuration::Configuration;
-use crate::decision::{Choice, ExploitRule, ExploitSource, ExplorationEstimate, ExploreRule, Predicted};
-use crate::fnv;
+use crate::decision::{Choice, ExploitRule, ExploitSource, ExplorationEstimate, ExploreRule};
 use crate::ids::StateId;
-use crate::policy::{Operation, PredictorMethod};
-use crate::predict::{Answer, Estimate};
-use crate::randomness::{Purpose, stream};
-use crate::results::KnownState;
-use crate::search::Verdict;
+use crate::policy::Operation;
 use crate::session::SessionPolicy;
-use crate::trial::Neighbour;
-use crate::tuner::confirmation::Answered;
 use crate::tuner::plan::Planned;
 use crate::tuner::proposal::Exploitation;
-use crate::tuner::transfer::Transfer;
-use crate::tuner::{Ask, Prediction, Prospect, Tuner, VisitDecision};
-
-/// A client that stays for this number of frames divided by epsilon explores without a draw, unless the
-/// policy draws only once.
-const STAY_EXPLORES: f64 = 3.0;
-/// The length of the stay changes these bits of the number by which a visit's dice are thrown.
-const THROWS_SHIFT: u32 = 32;
-
-/// The grounds that an answer may rest on.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Ground {
-    /// Measurements alone: no client gets a configuration that was never run.
-    Measured,
-    /// A prediction as well, where it is worth its risk.
-    Predicted,
-}
-
-/// A predictor's answer as an exploitation.
-fn by_predictor(answer: Answer, predictor: PredictorMethod) -> Exploitation {
-    let Answer { configuration, expected, neighbours } = answer;
-    let predicted_cost = Some(expected.cost);
-    let expected = (expected.cost, expected.deviation);
-    let source = ExploitSource::Predictor(Predicted { predictor, expected, neighbours });
-    Exploitation { configuration, predicted_cost, source, rolled_back: false }
-}
+use crate::tuner::session::{Course, STAY_EXPLORES};
+use crate::tuner::{Ask, Prediction, Tuner, VisitDecision};
 
 impl Tuner {
     /// The pinned configuration, if the policy has one.
@@ -62,9 +28,9 @@ impl Tuner {
         if self.spec.policy.operation != Operation::Shadow {
             return None;
         }
-        let ground = self.ground(&SessionPolicy::default());
-        let start = self.usable_start(ask, state);
-        let would = self.exploitation_from(start.as_ref(), normalised, Some(state), ground, planned);
+        let ground = self.wishes(&SessionPolicy::default()).ground();
+        let start = self.start_of(ask).filter(|start| self.standings().may_run_start(state, start));
+        let would = self.exploiting(planned).exploitation(start.as_ref(), normalised, Some(state), ground);
         let configuration = start.unwrap_or_else(|| self.spec.space.default_configuration());
         let predicted_cost = self.states.cost_of(state, &configuration);
         let costs = would.predicted_cost.zip(predicted_cost);
@@ -91,10 +57,11 @@ impl Tuner {
         let Some(state) = state.filter(|state| visit.state_id == state.0) else {
             return Some(visit.number + 1);
         };
-        if self.has_other_wishes(client_id, &ask.session_policy) {
+        if self.visits.has_other_wishes(client_id, &ask.session_policy) {
             return Some(visit.number + 1);
         }
         let (policy, stay) = (&self.spec.policy, self.history.stay(client_id, state));
+        let wishes = self.wishes(&ask.session_policy);
         let ends = match &visit.decision {
             VisitDecision::Explore { rule, estimate } => {
                 let results = self.states.results(state);
@@ -104,30 +71,28 @@ impl Tuner {
                 let is_weighed_again = match estimate.until {
                     Some(until) => tried >= until,
                     // A search to be confirmed may have been given a larger budget since.
-                    None => *rule == ExploreRule::Dice && !self.is_spent_for(&ask.session_policy, state),
+                    None => *rule == ExploreRule::Dice && !wishes.is_spent(state),
                 };
-                may_end && self.never_explores(&ask.session_policy) || policy.weigh_gain && is_weighed_again
+                may_end && wishes.never_explores() || policy.weigh_gain && is_weighed_again
             }
             VisitDecision::Exploit { configuration, exploit, .. } => {
-                let doubled = stay > 1 && stay.is_power_of_two();
-                let epsilon = || self.epsilon_of(&ask.session_policy, Some(state));
+                let (doubled, start) = (stay > 1 && stay.is_power_of_two(), self.start_of(ask));
                 // A search that is over may still have to be confirmed by those who stay.
-                let stays = || stay as f64 * epsilon() >= STAY_EXPLORES;
+                let stays = || stay as f64 * wishes.epsilon(Some(state)) >= STAY_EXPLORES;
                 let by_dice = matches!(exploit.rule, ExploitRule::Dice | ExploitRule::RolledBack)
                     || exploit.rule == ExploitRule::Finished && stays();
                 let is_thrown_again =
-                    || by_dice && !policy.dice_once && self.explores(ask, visit.number, state);
-                let begins_again =
-                    exploit.rule == ExploitRule::Finished && !self.is_spent_for(&ask.session_policy, state);
+                    || by_dice && !policy.dice_once && wishes.explores(client_id, visit.number, state);
+                let begins_again = exploit.rule == ExploitRule::Finished && !wishes.is_spent(state);
                 let (rule, threw) = (exploit.rule, exploit.estimate.epsilon);
                 let is_outdated = rule == ExploitRule::Frozen && policy.operation == Operation::Tune
                     || rule == ExploitRule::Gain && !policy.weigh_gain
-                    || threw == Some(0.0) && !self.never_explores(&ask.session_policy);
+                    || threw == Some(0.0) && !wishes.never_explores();
                 self.states.results(state).fails(configuration)
                     || begins_again
                     || is_outdated
-                    || self.has_new_start(ask, state, visit.since)
-                    || self.is_unfounded(ask, state, configuration, &exploit.source)
+                    || self.standings().has_new_start(state, start.as_ref(), visit.since)
+                    || wishes.is_unfounded(state, (configuration, &exploit.source), start.as_ref())
                     || policy.roll_back && self.gain().does_clearly_worse(state, configuration)
                     || doubled
                         && (exploit.rule == ExploitRule::Gain && policy.weigh_gain || is_thrown_again())
@@ -143,27 +108,8 @@ impl Tuner {
         policy.operation == Operation::Tune
             && policy.regret_budget.is_none()
             && ask.session_policy.epsilon.unwrap_or(policy.epsilon) > 0.0
-            && self.is_finished_for(&ask.session_policy, state)
+            && self.wishes(&ask.session_policy).is_finished(state)
             && self.rechecks.wanted(&ask.client_id, state).is_some()
-    }
-
-    /// Whether a kept configuration was never run in a state while only measurements count: something else
-    /// ran there, or nothing but a model names it.
-    fn is_unfounded(
-        &self,
-        ask: &Ask,
-        state: StateId,
-        configuration: &Configuration,
-        source: &ExploitSource,
-    ) -> bool {
-        let results = self.states.results(state);
-        // The nearest neighbour names what ran in another state.
-        let nearest = PredictorMethod::NearestNeighbour;
-        let is_modelled = matches!(source, ExploitSource::Predictor(by) if by.predictor != nearest);
-        self.ground(&ask.session_policy) == Ground::Measured
-            && (results.best().is_some() || is_modelled)
-            && results.ran(configuration).is_none()
-            && self.start_of(ask).as_ref() != Some(configuration)
     }
 
     /// The epsilon-greedy decision for visit `number` of a client to a state (paper section 6).
@@ -178,251 +124,31 @@ impl Tuner {
         state: StateId,
         planned: &Planned,
     ) -> VisitDecision {
-        let policy = &self.spec.policy;
-        let (client_id, session) = (&ask.client_id, &ask.session_policy);
-        let (ground, start) = (self.ground(session), self.start_of(ask));
-        let exploit = || self.exploitation_from(start.as_ref(), normalised, Some(state), ground, planned);
+        let wishes = self.wishes(&ask.session_policy);
+        let (ground, start) = (wishes.ground(), self.start_of(ask));
+        let exploiting = self.exploiting(planned);
+        let exploit = || exploiting.exploitation(start.as_ref(), normalised, Some(state), ground);
         let fails = |would: &Exploitation| self.states.results(state).fails(&would.configuration);
-        if policy.operation == Operation::Freeze {
+        if self.spec.policy.operation == Operation::Freeze {
             return exploit().kept(ExploitRule::Frozen, ExplorationEstimate::default());
         }
-        if self.is_finished_for(session, state) {
-            return exploit().kept(ExploitRule::Finished, ExplorationEstimate::default());
-        }
-        let mut estimate = ExplorationEstimate {
-            epsilon: Some(self.epsilon_of(session, Some(state))),
-            ..ExplorationEstimate::default()
-        };
-        let epsilon = session.epsilon.unwrap_or(policy.epsilon);
-        if policy.weigh_gain && epsilon > 0.0 {
-            let Prospect { gain, frames, exploring_cost, trials } =
-                self.gain().prospect(client_id, state, self.room_of(session));
-            estimate.expected_gain = Some(gain);
-            estimate.expected_frames = Some(frames);
-            estimate.exploring_cost = Some(exploring_cost);
-            // A search that its budget ended is still to be confirmed.
-            if trials > 0 || self.is_spent_for(session, state) {
-                let until = (self.states.results(state).tried() + trials) as u64;
-                estimate.until = (trials > 0).then_some(until);
-                return VisitDecision::Explore { rule: ExploreRule::Dice, estimate };
+        let (would, estimate) = match wishes.course(&ask.client_id, number, state) {
+            Course::Explore(estimate) => return VisitDecision::Explore { rule: ExploreRule::Dice, estimate },
+            Course::Finished => return exploit().kept(ExploitRule::Finished, ExplorationEstimate::default()),
+            Course::Weighed(estimate) => {
+                let would = exploit();
+                if !fails(&would) {
+                    return would.kept(ExploitRule::Gain, estimate);
+                }
+                return VisitDecision::Explore { rule: ExploreRule::NothingKnown, estimate };
             }
-            let would = exploit();
-            return match fails(&would) {
-                true => VisitDecision::Explore { rule: ExploreRule::NothingKnown, estimate },
-                false => would.kept(ExploitRule::Gain, estimate),
-            };
-        }
-        if self.draws(ask, number, Some(state)) {
-            return VisitDecision::Explore { rule: ExploreRule::Dice, estimate };
-        }
-        let would = exploit();
-        if would.source != ExploitSource::Default || epsilon == 0.0 && !fails(&would) {
+            Course::Drawn(estimate) => (exploit(), estimate),
+        };
+        if would.source != ExploitSource::Default || wishes.never_explores() && !fails(&would) {
             // An open confirmation waits for clients on whom the dice fall.
-            let rule =
-                if self.is_spent_for(session, state) { ExploitRule::Finished } else { ExploitRule::Dice };
+            let rule = if wishes.is_spent(state) { ExploitRule::Finished } else { ExploitRule::Dice };
             return would.kept(rule, estimate);
         }
         VisitDecision::Explore { rule: ExploreRule::NothingKnown, estimate }
-    }
-
-    /// Whether a client explores a state for which the decision of visit `number` is to be taken, as far as
-    /// that is known before the exploited configuration is.
-    pub(super) fn explores(&self, ask: &Ask, number: u64, state: StateId) -> bool {
-        let (policy, session) = (&self.spec.policy, &ask.session_policy);
-        if self.is_finished_for(session, state) {
-            return false;
-        }
-        match policy.weigh_gain && session.epsilon.unwrap_or(policy.epsilon) > 0.0 {
-            true => {
-                self.is_spent_for(session, state)
-                    || self.gain().prospect(&ask.client_id, state, self.room_of(session)).trials > 0
-            }
-            false => self.draws(ask, number, Some(state)),
-        }
-    }
-
-    /// Whether the dice of visit `number` of a client to a state, known or not, fall on exploring.
-    pub(super) fn draws(&self, ask: &Ask, number: u64, state: Option<StateId>) -> bool {
-        if self.explores_to_the_end(&ask.session_policy) {
-            return true;
-        }
-        let epsilon = self.epsilon_of(&ask.session_policy, state);
-        let long = state.filter(|_| !self.spec.policy.dice_once);
-        let stay = long.map_or(0, |state| self.history.stay(&ask.client_id, state));
-        if stay as f64 * epsilon >= STAY_EXPLORES {
-            return true;
-        }
-        // A long stay throws them again, see `decides`.
-        let throw = if stay > 1 { number ^ (stay << THROWS_SHIFT) } else { number };
-        let client = fnv::hash(ask.client_id.bytes());
-        let draw: f64 = stream(self.spec.seed, Purpose::Decision, client, throw).random();
-        draw < epsilon
-    }
-
-    /// Whether the state's search has spent its budget.
-    pub(super) fn is_finished(&self, state: StateId) -> bool {
-        self.is_spent_within(self.spec.policy.trials_per_state as usize, state)
-    }
-
-    /// Whether the default can be run in a state, as far as is known.
-    pub(super) fn default_runs(&self, state: StateId) -> bool {
-        let settled = self.states.results(state).settled(self.spec.space.default_ref(), 1);
-        settled != Some(Verdict::Infeasible)
-    }
-
-    /// The ground of an answer to a session.
-    pub(super) fn ground(&self, session: &SessionPolicy) -> Ground {
-        if self.spec.policy.operation == Operation::Freeze || self.never_explores(session) {
-            Ground::Measured
-        } else {
-            Ground::Predicted
-        }
-    }
-
-    /// The answer without a search.
-    ///
-    /// Where only measurements count it is a configuration that [was measured](Tuner::measured_answer). Where
-    /// a study is tuned, other machines' measurements of that input count for more until the state has its
-    /// own. A predictor may then name a configuration that was never run there, if it can almost surely be
-    /// run and is worth its risk. Once the state is explored to the end its own best stands.
-    ///
-    /// A configuration that does clearly worse here than another measured one gives way to that one.
-    pub(super) fn exploitation(
-        &self,
-        normalised: &[f64],
-        here: Option<StateId>,
-        ground: Ground,
-        planned: &Planned,
-    ) -> Exploitation {
-        let answer = self.expected_answer(normalised, here, ground, planned);
-        if self.spec.policy.roll_back
-            && let Some(state) = here
-            && self.gain().does_clearly_worse(state, &answer.configuration)
-            && let Some(best) = self.best_known(state, None, planned)
-            && best.configuration != answer.configuration
-        {
-            return Exploitation { rolled_back: true, ..best };
-        }
-        answer
-    }
-
-    fn expected_answer(
-        &self,
-        normalised: &[f64],
-        here: Option<StateId>,
-        ground: Ground,
-        planned: &Planned,
-    ) -> Exploitation {
-        let transfer = self.transfer();
-        if ground == Ground::Measured || !transfer.needs_predictor(here) {
-            let by_machines = here.filter(|_| ground == Ground::Predicted);
-            let by_machines = by_machines.filter(|&state| !self.is_finished(state));
-            let by_machines = by_machines.and_then(|state| transfer.best_by_machines(state));
-            return by_machines.unwrap_or_else(|| self.measured_answer(normalised, here, planned));
-        }
-        let measured = self.measured_answer(normalised, here, planned);
-        match transfer.answer(normalised, here, planned, &measured.configuration) {
-            Some((answer, predictor)) => by_predictor(answer, predictor),
-            None => measured,
-        }
-    }
-
-    /// The answer where only measurements count: the best of the state itself, as far as it is proven. Where
-    /// nothing measured there can be run, it is the best that other machines measured repeatedly for that
-    /// input. Else it is the incumbent or confirmed winner that serves other states best, or that of the
-    /// nearest state where the policy names that predictor. Else it is the default.
-    pub(super) fn measured_answer(
-        &self,
-        normalised: &[f64],
-        here: Option<StateId>,
-        planned: &Planned,
-    ) -> Exploitation {
-        self.measured_answer_by(self.transfer(), normalised, here, planned)
-    }
-
-    /// [`Tuner::measured_answer`] by this transfer from other states.
-    pub(super) fn measured_answer_by<'a>(
-        &'a self,
-        transfer: Transfer<'a>,
-        normalised: &'a [f64],
-        here: Option<StateId>,
-        planned: &Planned,
-    ) -> Exploitation {
-        if let Some(best) = here.and_then(|state| self.best_known(state, None, planned)) {
-            return best;
-        }
-        let by_machines = here.and_then(|state| transfer.best_by_machines(state));
-        if let Some(best) = by_machines.filter(|best| self.is_repeated(&best.source)) {
-            return best;
-        }
-        if self.spec.policy.predictor == PredictorMethod::NearestNeighbour
-            && let Some(answer) = transfer.nearest(normalised, here)
-        {
-            let predictor = PredictorMethod::NearestNeighbour;
-            return by_predictor(self.proven(answer, here, planned), predictor);
-        }
-        if let Some((configuration, source)) = transfer.best_elsewhere(normalised, here, planned) {
-            return Exploitation { configuration, predicted_cost: None, source, rolled_back: false };
-        }
-        Exploitation {
-            configuration: self.spec.space.default_configuration(),
-            predicted_cost: here.and_then(|state| self.states.default_cost(state)),
-            source: ExploitSource::Default,
-            rolled_back: false,
-        }
-    }
-
-    /// Whether other machines' answer rests on more than one lucky measurement. Always, if the policy
-    /// confirms nothing.
-    fn is_repeated(&self, source: &ExploitSource) -> bool {
-        let is_single = matches!(source, ExploitSource::Machines(by) if by.measurements < 2);
-        self.spec.policy.confirm_rounds == 0 || !is_single
-    }
-
-    /// The nearest neighbour names the luckiest configuration of the nearest state. The answer is the
-    /// configuration that is proven there.
-    fn proven(&self, answer: Answer, here: Option<StateId>, planned: &Planned) -> Answer {
-        let Some(state) = answer.neighbours.first().map(|nearest| StateId(nearest.state_id)) else {
-            return answer;
-        };
-        let (Some(answered), Some(luckiest)) =
-            (self.answered(state, None, planned), self.states.results(state).best())
-        else {
-            return answer;
-        };
-        let cannot_run = |here| self.states.results(here).fails(&answered.configuration);
-        if here.is_some_and(cannot_run) || answer.configuration != luckiest.configuration {
-            return answer;
-        }
-        // The factor between the two machines, if there are two, stays in the answer.
-        let ratio = if luckiest.mean_cost > 0.0 { answered.cost / luckiest.mean_cost } else { 1.0 };
-        let Estimate { cost, deviation } = answer.expected;
-        let expected = Estimate::new((cost * ratio).min(f64::MAX), deviation);
-        Answer { configuration: answered.configuration, expected, ..answer }
-    }
-
-    /// The answer of a state's own measurements: its proven best configuration, or the incumbent. Beside a
-    /// `start` that ran there it is what is better than that, or the start.
-    pub(super) fn best_known(
-        &self,
-        state: StateId,
-        start: Option<&Configuration>,
-        planned: &Planned,
-    ) -> Option<Exploitation> {
-        let KnownState { id, results, .. } = &self.states[state];
-        let Answered { configuration, cost, gain, nothing_better, gain_at_most, .. } =
-            self.answered(state, start, planned)?;
-        let (tried, measurements) =
-            (results.tried() as u64, results.record(&configuration).map_or(0, |record| record.measurements));
-        let is_maximised = self.spec.objective.view().is_maximised();
-        let beside_start = self.measured_start(state, start).is_some();
-        let source = match nothing_better {
-            true => ExploitSource::Incumbent { tried, gain_at_most, is_maximised, beside_start },
-            false => {
-                let state = Neighbour { state_id: id.get(), distance: 0.0, best_cost: cost };
-                ExploitSource::BestKnown { tried, measurements, state, gain, is_maximised, beside_start }
-            }
-        };
-        Some(Exploitation { configuration, predicted_cost: Some(cost), source, rolled_back: false })
     }
 }

@@ -4,9 +4,13 @@ pub use crate::trial::OmissionReason;
 
 use crate::configuration::Configuration;
 use crate::ids::StateId;
+use crate::indicator::IndicatorSchema;
 use crate::predict::state_index::OmittedIndicator;
+use crate::results::ResultTable;
+use crate::space::Space;
 use crate::standing::Standing;
 use crate::tuner::Tuner;
+use crate::tuner::knowledge::States;
 use crate::tuner::plan::Planned;
 
 /// The policy's knowledge of a state.
@@ -73,7 +77,7 @@ impl Tuner {
         let results = self.states.results(state);
         // A session may want a longer search than the study's operator, or a shorter one.
         let room = self.visits.room(state).unwrap_or(self.spec.policy.trials_per_state as usize);
-        let is_finished = self.is_spent_within(room, state);
+        let is_finished = self.standings().is_spent_within(room, state);
         let prospect = self.gain().prospect("", state, room);
         let left = room.saturating_sub(self.searches.taken(state, results, &self.spec.policy));
         let mut omissions = Vec::new();
@@ -87,8 +91,8 @@ impl Tuner {
             let (reason, saved_trials) = (OmissionReason::BelowCost, left as f64);
             omissions.push(Omission { parameter: None, reason, summary, saved_trials });
         }
-        self.omitted_parameters(state, &mut omissions);
-        self.omitted_indicators(&mut omissions);
+        omitted_parameters(&self.spec.space, results, &mut omissions);
+        omitted_indicators(&self.spec.indicators, &self.states, &mut omissions);
         Insight {
             state_id: state.0,
             tried: results.tried() as u64,
@@ -99,44 +103,42 @@ impl Tuner {
             drifts: results.drifts(),
             prospect: (!is_finished).then_some(prospect),
             omissions,
-            standing: self.standing(state, start, planned),
+            standing: self.standings().standing(state, start, planned),
         }
     }
+}
 
-    /// Parameters that the search of a state leaves out, and why.
-    fn omitted_parameters(&self, state: StateId, omissions: &mut Vec<Omission>) {
-        let best = self.states.results(state).best();
-        for parameter in self.spec.space.parameters() {
-            let is_active = best.is_none_or(|best| best.configuration.get(&parameter.name).is_some());
-            if let (false, Some(condition)) = (is_active, &parameter.active_if) {
-                let summary =
-                    format!("it means nothing beside the best known value of {}", condition.parameter);
-                omissions.push(Omission {
-                    parameter: Some(parameter.name.clone()),
-                    reason: OmissionReason::Inactive,
-                    summary,
-                    // To try each of its other values once.
-                    saved_trials: parameter.domain.alternatives() as f64,
-                });
+/// Parameters that the search of a state leaves out, and why.
+fn omitted_parameters(space: &Space, results: &ResultTable, omissions: &mut Vec<Omission>) {
+    let best = results.best();
+    for parameter in space.parameters() {
+        let is_active = best.is_none_or(|best| best.configuration.get(&parameter.name).is_some());
+        if let (false, Some(condition)) = (is_active, &parameter.active_if) {
+            let summary = format!("it means nothing beside the best known value of {}", condition.parameter);
+            omissions.push(Omission {
+                parameter: Some(parameter.name.clone()),
+                reason: OmissionReason::Inactive,
+                summary,
+                // To try each of its other values once.
+                saved_trials: parameter.domain.alternatives() as f64,
+            });
+        }
+    }
+}
+
+/// Indicators that predictors do not look at, and why.
+fn omitted_indicators(indicators: &IndicatorSchema, known: &States, omissions: &mut Vec<Omission>) {
+    let name = |axis: usize| indicators.indicators()[axis].name.clone();
+    let states = known.indicator_statistics().states();
+    for OmittedIndicator { axis, redundant_with } in known.omitted_indicators() {
+        let (reason, summary) = match redundant_with {
+            None => (OmissionReason::Constant, format!("it is equal in all {states} states")),
+            Some(other) => {
+                let summary = format!("in all {states} states it follows {} in a straight line", name(other));
+                (OmissionReason::Redundant, summary)
             }
-        }
-    }
-
-    /// Indicators that predictors do not look at, and why.
-    fn omitted_indicators(&self, omissions: &mut Vec<Omission>) {
-        let name = |axis: usize| self.spec.indicators.indicators()[axis].name.clone();
-        let states = self.states.indicator_statistics().states();
-        for OmittedIndicator { axis, redundant_with } in self.states.omitted_indicators() {
-            let (reason, summary) = match redundant_with {
-                None => (OmissionReason::Constant, format!("it is equal in all {states} states")),
-                Some(other) => {
-                    let summary =
-                        format!("in all {states} states it follows {} in a straight line", name(other));
-                    (OmissionReason::Redundant, summary)
-                }
-            };
-            let parameter = Some(name(axis));
-            omissions.push(Omission { parameter, reason, summary, saved_trials: 0.0 });
-        }
+        };
+        let parameter = Some(name(axis));
+        omissions.push(Omission { parameter, reason, summary, saved_trials: 0.0 });
     }
 }

@@ -8,63 +8,53 @@
 //! The machine is pure. Its answers depend only on the rows of the [`Change`]s that it returned: a
 //! [restored](Tuner::restore) tuner gives the next answers of one that never stopped, byte for byte.
 //!
-//! [`Tuner`] joins parts that keep their own invariants: `states` (recognition, and the table of each state),
-//! `trials` (the open ones and their holders), `visits` (the clients' states and budgets), `searches`,
-//! `models`, `history`, `assessment`s, `speeds` and `auxiliaries`. Each step has its file:
-//! `decide` and `gain` take decisions, `start` lets a client begin with its own default, `explore` and
-//! `within_budget` walk a search, `confirmation` runs its best against the incumbent, `transfer` brings in
-//! the results of other states and machines (`warm_start` and `portfolio` make the beginning of a search from
-//! them), `planning` copies the inputs of slow computations and `plan` computes them apart, `suggest` and
-//! `report` are the two halves of a client's frame, `leases` ends trials that never come back, `restore` and
-//! `checkpoint` rebuild.
+//! [`Tuner`] joins the parts of three rooms, which keep their own invariants. `knowledge` holds the `states`
+//! (recognition, and the table of each state), their `history` and `assessment`s, the `speeds` of machines,
+//! `auxiliaries` and `models`; `clients` the `visits` (states and budgets) and `trials` (the open ones and
+//! their holders); `exploring` the `searches` and what works on them: the `walk` to the next point, the
+//! `repeats`, the `confirmation` of the best against the incumbent, the `standings` of a state's own
+//! measurements, the choice of what is exploited (`exploiting`), and the `transfer` of the results of other
+//! states and machines.
+//!
+//! Each step has its file: `decide` takes decisions by what a `session` wishes, `start` lets a client begin
+//! with its own default, `explore` and `within_budget` choose what is explored, `planning` copies the inputs
+//! of slow computations and `plan` computes them apart, `suggest` and `report` are the two halves of a
+//! client's frame, `learning` is what tables and models make of a report, `leases` ends trials that never
+//! come back, `restore` and `checkpoint` rebuild.
 
-mod assessment;
-mod auxiliaries;
 pub mod budget;
 mod checkpoint;
 mod checks;
-mod confirmation;
+mod clients;
 mod decide;
-mod exploration;
 mod explore;
-mod few;
-mod gain;
-mod history;
+mod exploring;
 mod insight;
+mod knowledge;
+mod learning;
 mod leases;
-mod models;
 mod plan;
 mod planning;
-mod portfolio;
-mod progress;
 mod proposal;
-mod rechecks;
 mod recorded;
 mod report;
 mod restore;
-mod searches;
 mod session;
-mod speeds;
 mod start;
-mod states;
 mod suggest;
-mod transfer;
-mod trials;
 mod types;
 mod views;
-mod visits;
-mod warm_start;
 mod within_budget;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
-pub use assessment::{Assessment, AssessmentRequest};
 pub use budget::Account;
 pub use checkpoint::Learnt;
-pub use exploration::Exploration;
+pub use exploring::exploration::Exploration;
 pub use insight::{Insight, Omission, OmissionReason, Prospect};
-pub use plan::{PlanRequest, SuggestionPlan};
+pub use knowledge::assessment::{Assessment, AssessmentRequest};
+pub use plan::{DecisionStep, PlanRequest, SuggestionPlan};
 pub use recorded::{RecordedVisitDecision, VisitDecisionBefore};
 pub use restore::Restoring;
 pub use types::{
@@ -80,17 +70,10 @@ use crate::policy::Policy;
 use crate::predict::Predictors;
 use crate::study::{StudyError, StudySpec};
 use crate::trial::{Fingerprint, Outcome, Trial, TrialState};
-use crate::tuner::assessment::Assessments;
-use crate::tuner::auxiliaries::Auxiliaries;
-use crate::tuner::history::History;
-use crate::tuner::models::Models;
+use crate::tuner::clients::{OpenTrials, Visits};
+use crate::tuner::exploring::Searches;
+use crate::tuner::knowledge::{Assessments, Auxiliaries, History, Models, Rechecks, Speeds, States};
 use crate::tuner::plan::Planned;
-use crate::tuner::rechecks::Rechecks;
-use crate::tuner::searches::Searches;
-use crate::tuner::speeds::Speeds;
-use crate::tuner::states::States;
-use crate::tuner::trials::OpenTrials;
-use crate::tuner::visits::Visits;
 
 /// The state machine of one study. Pure: time comes in as `now_ms`, randomness from the study's seed.
 ///
@@ -171,27 +154,27 @@ impl Tuner {
         self.answer(question, self.pinned(), Planned::AtOnce, now_ms)
     }
 
-    /// [`Tuner::suggest`] in microseconds, where [`Tuner::plan`] has just found nothing to compute.
-    pub fn suggest_now(
-        &mut self,
-        question: Question<'_>,
-        now_ms: i64,
-    ) -> Result<(Trial, Change), TunerError> {
-        self.answer(question, self.pinned(), Planned::Ahead(Box::default()), now_ms)
-    }
-
-    /// [`Tuner::suggest`] in microseconds, with a computed plan. The tuner may have changed since.
-    pub fn suggest_planned(
+    /// [`Tuner::suggest`] in microseconds. A question without a plan may [need](Tuner::plan) one first, and
+    /// comes again with it; `may_plan` says whether to plan for a state's search. The tuner may have changed
+    /// since. A question with a plan is always answered.
+    pub fn suggest_step(
         &mut self,
         ask: &Ask,
-        plan: SuggestionPlan,
+        plan: Option<SuggestionPlan>,
+        may_plan: impl Fn(StateId) -> bool,
         now_ms: i64,
-    ) -> Result<(Trial, Change), TunerError> {
-        let question = match plan.normalised() {
+    ) -> Result<DecisionStep<(Trial, Change)>, TunerError> {
+        let question = match plan.as_ref().and_then(SuggestionPlan::normalised) {
             Some(normalised) => self.recognised(ask, normalised.to_vec()),
             None => self.question(ask)?,
         };
-        self.answer(question, self.pinned(), Planned::Ahead(Box::new(plan)), now_ms)
+        if plan.is_none()
+            && let Some(request) = self.plan(&question, may_plan)
+        {
+            return Ok(DecisionStep::Need(Box::new(request)));
+        }
+        let planned = Planned::Ahead(Box::new(plan.unwrap_or_default()));
+        self.answer(question, self.pinned(), planned, now_ms).map(DecisionStep::Done)
     }
 
     /// Hands out a trial of a configuration that the client wants to measure, as if the policy pinned it for
@@ -288,7 +271,7 @@ impl Tuner {
             let mut change = Change { trials: abandoned.into_iter().collect(), ..Change::default() };
             assert_eq!(change.trials.len(), 1, "trial {number} was open");
             if self.searches.changes(state) != before {
-                change.states.push(self.state_record(state));
+                change.states.push(self.standings().row(state));
             }
             let trial = change.trials[0].clone();
             return Ok((trial, change));
@@ -330,7 +313,7 @@ impl Tuner {
                 states.insert(state);
             }
         }
-        change.states = states.into_iter().map(|state| self.state_record(state)).collect();
+        change.states = states.into_iter().map(|state| self.standings().row(state)).collect();
         change
     }
 
@@ -362,18 +345,24 @@ impl Tuner {
         self.prediction(indicators, fingerprint, None, &Planned::AtOnce)
     }
 
-    /// [`Tuner::predict`] in microseconds, with a computed plan, for a client with a start or without.
-    pub fn predict_planned(
+    /// [`Tuner::predict`] in microseconds, for a client with a start or without. Without a plan it may need
+    /// one first, and is asked again with it.
+    pub fn predict_step(
         &mut self,
         indicators: &BTreeMap<String, f64>,
         fingerprint: Option<&Fingerprint>,
         start: Option<&RawConfiguration>,
-        plan: SuggestionPlan,
-    ) -> Result<Prediction, TunerError> {
-        let mut planned = Planned::Ahead(Box::new(plan));
-        self.keep_planned(&mut planned);
+        plan: Option<SuggestionPlan>,
+    ) -> Result<DecisionStep<Prediction>, TunerError> {
+        if plan.is_none()
+            && let Some(request) = self.plan_prediction(indicators, fingerprint, start)
+        {
+            return Ok(DecisionStep::Need(Box::new(request)));
+        }
+        let mut planned = Planned::Ahead(Box::new(plan.unwrap_or_default()));
+        planned.keep_in(&mut self.assessments);
         let start = self.checked_start(start)?;
-        self.prediction(indicators, fingerprint, start.as_ref(), &planned)
+        self.prediction(indicators, fingerprint, start.as_ref(), &planned).map(DecisionStep::Done)
     }
 
     /// The best known configuration of the state that matches the indicators, or of all states where none are
@@ -385,23 +374,30 @@ impl Tuner {
         fingerprint: Option<&Fingerprint>,
     ) -> Result<Option<Best>, TunerError> {
         let state = self.best_state(indicators, fingerprint)?;
-        Ok(state.and_then(|state| self.best_answer(state, None, &Planned::AtOnce)))
+        Ok(state.and_then(|state| self.standings().best(state, None, &Planned::AtOnce)))
     }
 
-    /// [`Tuner::best`] in microseconds, with a computed plan. For a client with a start that ran in the state
-    /// it is what is better than that, and the start takes the place of the default in all that is told.
-    pub fn best_planned(
+    /// [`Tuner::best`] in microseconds. Without a plan it may need one first, and is asked again with it. For
+    /// a client with a start that ran in the state it is what is better than that, and the start takes the
+    /// place of the default in all figures.
+    pub fn best_step(
         &mut self,
         indicators: Option<&BTreeMap<String, f64>>,
         fingerprint: Option<&Fingerprint>,
         start: Option<&RawConfiguration>,
-        plan: SuggestionPlan,
-    ) -> Result<Option<Best>, TunerError> {
-        let mut planned = Planned::Ahead(Box::new(plan));
-        self.keep_planned(&mut planned);
+        plan: Option<SuggestionPlan>,
+    ) -> Result<DecisionStep<Option<Best>>, TunerError> {
+        if plan.is_none()
+            && let Some(request) = self.plan_best(indicators, fingerprint, start)
+        {
+            return Ok(DecisionStep::Need(Box::new(request)));
+        }
+        let mut planned = Planned::Ahead(Box::new(plan.unwrap_or_default()));
+        planned.keep_in(&mut self.assessments);
         let start = self.checked_start(start)?;
         let state = self.best_state(indicators, fingerprint)?;
-        Ok(state.and_then(|state| self.best_answer(state, start.as_ref(), &planned)))
+        let best = state.and_then(|state| self.standings().best(state, start.as_ref(), &planned));
+        Ok(DecisionStep::Done(best))
     }
 
     /// The cost of the configuration exploited in a state, as far as it was assessed; `None` when nothing has

@@ -3,24 +3,22 @@
 //! A suggestion takes microseconds but for three things. A search with a model fits it. A search that begins
 //! receives the results of other states. The contextual predictor fits a process to measurements near by.
 //! Many clients that share a tuner must not wait for that. So the holder of the tuner makes a [`PlanRequest`]
-//! of a question, lets go of the tuner, [computes](PlanRequest::compute) it, and hands the [`SuggestionPlan`]
-//! in with the question. A question with a plan never fits a model. Its plan may lack a needed result,
-//! because another client changed the state or plans for its search. The question then gets the search's
-//! reserve, or an answer from the tables, because a client never waits. A client that is alone gets equal
-//! answers either way. Only the evidence of other states for a search that begins is computed at once where
-//! no plan holds it, once for a state.
+//! of a question (the [`DecisionStep`] that needs it), lets go of the tuner, [computes](PlanRequest::compute)
+//! it, and hands the [`SuggestionPlan`] in with the question. A question with a plan never fits a model. Its
+//! plan may lack a needed result, because another client changed the state or plans for its search. The
+//! question then gets the search's reserve, or an answer from the tables, because a client never waits. A
+//! client that is alone gets equal answers either way. Only the evidence of other states for a search that
+//! begins is computed at once where no plan holds it, once for a state.
 
 use std::sync::Arc;
 
 use crate::configuration::Configuration;
 use crate::ids::StateId;
-use crate::predict::Answer;
 use crate::predict::contextual::FitRequest;
+use crate::predict::{Answer, FitTime};
 use crate::search::{AnySearch, PlannedPoint};
 use crate::study::StudySpec;
-use crate::tuner::assessment::{Assessment, AssessmentRequest};
-use crate::tuner::portfolio::MeasuredElsewhere;
-use crate::tuner::warm_start::WarmStart;
+use crate::tuner::knowledge::{Assessment, AssessmentRequest, Assessments, MeasuredElsewhere, WarmStart};
 
 /// The computation before a question can be answered quickly: copies of its inputs.
 #[derive(Clone, Debug)]
@@ -41,6 +39,15 @@ pub struct PlanRequest {
     /// The state whose assessment gives the answer that a prediction has to beat; `None` where that answer is
     /// known.
     pub(super) rival_of: Option<StateId>,
+}
+
+/// One step towards an answer.
+#[derive(Clone, Debug)]
+pub enum DecisionStep<T> {
+    /// This has to be computed apart before the next step.
+    Need(Box<PlanRequest>),
+    /// The answer.
+    Done(T),
 }
 
 /// The result of a [`PlanRequest`]. The default plans nothing.
@@ -144,59 +151,75 @@ pub(super) enum Planned {
     Ahead(Box<SuggestionPlan>),
 }
 
-/// The planned answers of predictors.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct PlannedAnswers<'a> {
-    /// The answer to exploit.
-    pub(super) answer: Option<&'a Answer>,
-    /// The answer to explore first.
-    pub(super) first: Option<&'a Answer>,
-}
-
 impl Planned {
     /// Whether models may be fitted now.
     pub(super) fn is_at_once(&self) -> bool {
         matches!(self, Planned::AtOnce)
     }
 
-    /// The planned answers of predictors for these indicators; `None` where they are to be asked now.
-    pub(super) fn of_predictors(&self, normalised: &[f64]) -> Option<PlannedAnswers<'_>> {
+    /// The fit of the predictors that answers for these indicators.
+    pub(super) fn answer(&self, normalised: &[f64]) -> FitTime<'_> {
+        self.fitted(normalised, |plan| plan.answer.as_ref())
+    }
+
+    /// The fit of the predictors that proposes what to explore first for these indicators.
+    pub(super) fn first(&self, normalised: &[f64]) -> FitTime<'_> {
+        self.fitted(normalised, |plan| plan.first.as_ref())
+    }
+
+    fn fitted<'a>(
+        &'a self,
+        normalised: &[f64],
+        answer: impl FnOnce(&'a SuggestionPlan) -> Option<&'a Answer>,
+    ) -> FitTime<'a> {
         match self {
-            Planned::AtOnce => None,
-            Planned::Ahead(plan) if plan.normalised == normalised => {
-                Some(PlannedAnswers { answer: plan.answer.as_ref(), first: plan.first.as_ref() })
+            Planned::AtOnce => FitTime::Now,
+            Planned::Ahead(plan) => {
+                FitTime::Before(answer(plan.as_ref()).filter(|_| plan.normalised == normalised))
             }
-            Planned::Ahead(_) => Some(PlannedAnswers { answer: None, first: None }),
         }
     }
 
-    /// The planned best of a portfolio for these indicators; `None` where it is to be computed now.
-    pub(super) fn of_portfolio(&self, normalised: &[f64]) -> Option<Option<&Configuration>> {
+    /// The `best` of a portfolio for these indicators.
+    pub(super) fn portfolio(
+        &self,
+        normalised: &[f64],
+        best: impl FnOnce() -> Option<Configuration>,
+    ) -> Option<Configuration> {
         match self {
-            Planned::AtOnce => None,
-            Planned::Ahead(plan) => Some(plan.portfolio.as_ref().filter(|_| plan.normalised == normalised)),
+            Planned::AtOnce => best(),
+            Planned::Ahead(plan) => {
+                plan.portfolio.as_ref().filter(|_| plan.normalised == normalised).cloned()
+            }
         }
     }
 
-    /// The warm start of the search of a state with this anchor; `None` where that was not planned.
-    pub(super) fn take_beginning(&mut self, state: StateId, anchor: &[f64]) -> Option<Option<WarmStart>> {
-        let Planned::Ahead(plan) = self else { return None };
-        let SuggestionPlan { normalised, beginning, .. } = plan.as_mut();
-        let is_of = |of: Option<StateId>| of.map_or(*normalised == anchor, |of| of == state);
-        beginning.take_if(|(of, _)| is_of(*of)).map(|(_, beginning)| beginning)
+    /// The warm start of the search of a state with this anchor; it `begins` now where that was not planned.
+    pub(super) fn beginning(
+        &mut self,
+        state: StateId,
+        anchor: &[f64],
+        begins: impl FnOnce() -> Option<WarmStart>,
+    ) -> Option<WarmStart> {
+        let planned = match self {
+            Planned::AtOnce => None,
+            Planned::Ahead(plan) => {
+                let SuggestionPlan { normalised, beginning, .. } = plan.as_mut();
+                let is_of = |of: Option<StateId>| of.map_or(*normalised == anchor, |of| of == state);
+                beginning.take_if(|(of, _)| is_of(*of))
+            }
+        };
+        planned.map_or_else(begins, |(_, beginning)| beginning)
     }
 
-    pub(super) fn take_assessment(&mut self) -> Option<(StateId, Arc<Assessment>)> {
-        let Planned::Ahead(plan) = self else { return None };
-        let taken = plan.assessment.take();
-        plan.assessed = taken.as_ref().map(|(state, _)| *state);
-        taken
-    }
-
-    /// The assessment of a state beside the client's start.
-    pub(super) fn take_beside_start(&mut self) -> Option<(StateId, Arc<Assessment>)> {
-        let Planned::Ahead(plan) = self else { return None };
-        plan.beside_start.take()
+    /// Keeps the planned assessments.
+    pub(super) fn keep_in(&mut self, assessments: &mut Assessments) {
+        let Planned::Ahead(plan) = self else { return };
+        let assessed = plan.assessment.take();
+        plan.assessed = assessed.as_ref().map(|(state, _)| *state);
+        for (state, assessment) in [assessed, plan.beside_start.take()].into_iter().flatten() {
+            assessments.keep(state, assessment);
+        }
     }
 
     /// Whether an assessment of a state was made for this question. The state's table may have changed since.

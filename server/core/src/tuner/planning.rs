@@ -4,21 +4,20 @@
 use std::borrow::Cow;
 use std::collections::BTreeMap;
 
-use crate::configuration::{Configuration, RawConfiguration};
-use crate::ids::StateId;
+use crate::configuration::RawConfiguration;
+use crate::ids::{MachineId, StateId};
 use crate::limits::POINTS_IN_RESERVE_MAX;
+use crate::machines::Machines;
 use crate::policy::Operation;
 use crate::predict::nearest::Nearest;
 use crate::predict::{ComputedUpdates, DeferredUpdates, Predictor, Query};
 use crate::search::AnySearch;
 use crate::session::SessionPolicy;
 use crate::trial::Fingerprint;
-use crate::tuner::assessment::AssessmentRequest;
-use crate::tuner::budget::Terms;
-use crate::tuner::decide::Ground;
-use crate::tuner::explore::is_spent;
+use crate::tuner::exploring::{Exploiting, Transfer, is_spent};
+use crate::tuner::knowledge::States;
 use crate::tuner::plan::{PlanRequest, Planned};
-use crate::tuner::transfer::Transfer;
+use crate::tuner::proposal::Ground;
 use crate::tuner::{Ask, Question, Tuner, VisitDecision};
 
 impl Tuner {
@@ -51,58 +50,32 @@ impl Tuner {
         if policy.pinned.is_some() {
             return None;
         }
-        let machines = &self.states.machines;
-        let found = machines.find(ask.fingerprint.as_ref());
-        // A machine that is new is known by the time of the question.
-        let grown = found.is_none().then(|| {
-            let mut machines = machines.clone();
-            let (machine, _) = machines.note_founder(ask.fingerprint.as_ref());
-            (machines, machine)
-        });
-        let (machines, machine) = match &grown {
-            Some((machines, machine)) => (machines, *machine),
-            None => (machines, found.unwrap_or_default()),
-        };
-        let transfer = Transfer { asking: Some((machines, machine)), ..self.transfer() };
+        let explores = self.foretold(ask, here)?;
+        let (machines, machine) = machines_of(&self.states.machines, ask.fingerprint.as_ref());
+        let transfer = Transfer { asking: Some((&machines, machine)), ..self.transfer() };
         let query = || transfer.query(normalised, here);
         let (predictor, predictors) = (policy.predictor, &self.models.predictors);
-        let ground = self.ground(&ask.session_policy);
+        let wishes = self.wishes(&ask.session_policy);
+        let ground = wishes.ground();
         let answer = || {
             if ground == Ground::Measured || !transfer.needs_predictor(here) {
                 return None;
             }
             let ahead = Planned::Ahead(Box::default());
-            let measured = self.measured_answer_by(transfer, normalised, here, &ahead);
+            let exploiting = Exploiting { transfer, ..self.exploiting(&ahead) };
+            let measured = exploiting.measured_answer(normalised, here);
             predictors.request(predictor, &Query { rival: Some(&measured.configuration), ..query() })
         };
         let first = || predictors.proposal(predictor, &query(), self.trials.last().0 + 1);
-        let rival_of = here.filter(|&here| !self.is_settled(here));
+        let rival_of = here.filter(|&here| !self.standings().is_settled(here));
         let mut request = PlanRequest { rival_of, ..PlanRequest::nothing(&self.spec) };
-        let explores = match self.decides(ask, here) {
-            _ if policy.operation == Operation::Shadow => false,
-            Some(number) => match here {
-                Some(here) => self.explores(ask, number, here),
-                None => policy.weigh_gain || self.draws(ask, number, None),
-            },
-            None => {
-                let visit = self.visits.of(&ask.client_id);
-                if visit.is_none_or(|visit| matches!(visit.decision, VisitDecision::Exploit { .. }))
-                    || self.holds(ask, here)
-                {
-                    return None;
-                }
-                true
-            }
-        };
-        let ends =
-            |here: &StateId| self.is_spent_for(&ask.session_policy, *here) && self.is_to_be_confirmed(*here);
-        let answers = if explores { here.filter(ends) } else { self.state_that_answers(&query(), here) };
-        request.assessment = answers.and_then(|state| self.assessment_to_plan(state, None));
-        request.beside_start = self.start_to_plan(self.start_of(ask), answers.filter(|_| answers == here));
+        let ends = |here: &StateId| wishes.is_spent(*here) && self.standings().is_to_be_confirmed(*here);
+        let answers =
+            if explores { here.filter(ends) } else { state_that_answers(&self.states, &query(), here) };
+        request.assessment = answers.and_then(|state| self.standings().assessment_to_plan(state, None));
+        request.beside_start =
+            self.standings().start_to_plan(self.start_of(ask), answers.filter(|_| answers == here));
         let tunes = policy.operation == Operation::Tune;
-        // The start that such a client holds is taken back before it is answered.
-        let held = here.and_then(|here| self.trials.of_client(&ask.client_id, here));
-        let leaves_start = held.is_some_and(|held| self.leaves_start(ask, held));
         // The plan may show whether there is anything to exploit.
         let is_unsure = !explores
             && ground == Ground::Predicted
@@ -114,7 +87,7 @@ impl Tuner {
         match here.filter(|_| explores || is_unsure) {
             Some(here) if tunes => {
                 request.search = self.search_to_plan(ask, here).filter(|(state, ..)| may_plan(*state));
-                let may_propose = leaves_start || transfer.is_untouched(here);
+                let may_propose = self.takes_start_back(ask, here) || transfer.is_untouched(here);
                 if may_propose && !transfer.begins_with_portfolio(normalised, Some(here)) {
                     request.first = first();
                 }
@@ -122,7 +95,7 @@ impl Tuner {
                 if begins
                     && transfer.warms_up_searches()
                     && transfer.untried_by_machines(here).is_none()
-                    && self.affords(ask, here)
+                    && self.visits.affords(policy, ask, self.standings().default_runs(here))
                 {
                     request.evidence = Some((Some(here), transfer.evidence(here)));
                 }
@@ -142,8 +115,8 @@ impl Tuner {
         (!request.is_empty()).then_some(request)
     }
 
-    /// Plans a prediction, for [`Tuner::predict_planned`].
-    pub fn plan_prediction(
+    /// Plans a prediction, for [`Tuner::predict_step`].
+    pub(super) fn plan_prediction(
         &self,
         indicators: &BTreeMap<String, f64>,
         fingerprint: Option<&Fingerprint>,
@@ -154,65 +127,65 @@ impl Tuner {
         if self.spec.policy.pinned.is_some() {
             return None;
         }
-        let measured = self.measured_answer(&normalised, here, &Planned::Ahead(Box::default()));
+        let measured = self.exploiting(&Planned::Ahead(Box::default())).measured_answer(&normalised, here);
         let query = self.states.query(&self.spec.space, &normalised, here);
         let query = Query { rival: Some(&measured.configuration), ..query };
-        let predicts = self.ground(&SessionPolicy::default()) == Ground::Predicted;
+        let predicts = self.wishes(&SessionPolicy::default()).ground() == Ground::Predicted;
         let asks = predicts && self.transfer().needs_predictor(here);
         let predictors = &self.models.predictors;
         let portfolio = self.transfer().evidence_elsewhere(&normalised, here);
         let answer = asks.then(|| predictors.request(self.spec.policy.predictor, &query)).flatten();
-        let answers = self.state_that_answers(&query, here);
-        let assessment = answers.and_then(|state| self.assessment_to_plan(state, None));
+        let answers = state_that_answers(&self.states, &query, here);
+        let assessment = answers.and_then(|state| self.standings().assessment_to_plan(state, None));
         let start = self.checked_start(start).ok()?;
-        let beside_start = self.start_to_plan(start, answers.filter(|_| answers == here));
-        let rival_of = here.filter(|&here| !self.is_settled(here));
+        let beside_start = self.standings().start_to_plan(start, answers.filter(|_| answers == here));
+        let rival_of = here.filter(|&here| !self.standings().is_settled(here));
         let nothing = PlanRequest::nothing(&self.spec);
         let request =
             PlanRequest { answer, portfolio, normalised, assessment, beside_start, rival_of, ..nothing };
         (!request.is_empty()).then_some(request)
     }
 
-    /// Plans a question for the best, for [`Tuner::best_planned`].
-    pub fn plan_best(
+    /// Plans a question for the best, for [`Tuner::best_step`].
+    pub(super) fn plan_best(
         &self,
         indicators: Option<&BTreeMap<String, f64>>,
         fingerprint: Option<&Fingerprint>,
         start: Option<&RawConfiguration>,
     ) -> Option<PlanRequest> {
         let state = self.best_state(indicators, fingerprint).ok()??;
-        let assessment = self.assessment_to_plan(state, None);
-        let beside_start = self.start_to_plan(self.checked_start(start).ok()?, Some(state));
+        let assessment = self.standings().assessment_to_plan(state, None);
+        let beside_start = self.standings().start_to_plan(self.checked_start(start).ok()?, Some(state));
         let request = PlanRequest { assessment, beside_start, ..PlanRequest::nothing(&self.spec) };
         (!request.is_empty()).then_some(request)
     }
 
-    /// The assessment of a state beside a client's start, where that ran there.
-    fn start_to_plan(
-        &self,
-        start: Option<Configuration>,
-        state: Option<StateId>,
-    ) -> Option<AssessmentRequest> {
-        let (start, state) = (start?, state?);
-        self.measured_start(state, Some(&start))?;
-        self.assessment_to_plan(state, Some(&start))
-    }
-
-    /// The state whose own measurements answer a question, as far as is known before it is answered: its own
-    /// state where anything was measured there, else the nearest.
-    fn state_that_answers(&self, query: &Query<'_>, here: Option<StateId>) -> Option<StateId> {
-        let answers_itself = |state: &StateId| self.states.results(*state).best().is_some();
-        let nearest = || {
-            let answer = Nearest.predict(query)?;
-            answer.neighbours.first().map(|nearest| StateId(nearest.state_id))
-        };
-        here.filter(answers_itself).or_else(nearest)
-    }
-
-    /// Whether the client holds a trial of the state that it will get again.
-    fn holds(&self, ask: &Ask, here: Option<StateId>) -> bool {
+    /// Whether a question will explore, as far as is known before it is answered. `None` where the last
+    /// decision holds and its answer is at hand: the client exploits, or gets the trial that it holds again.
+    fn foretold(&self, ask: &Ask, here: Option<StateId>) -> Option<bool> {
+        let policy = &self.spec.policy;
+        if policy.operation == Operation::Shadow {
+            return Some(false);
+        }
+        if let Some(number) = self.decides(ask, here) {
+            let wishes = self.wishes(&ask.session_policy);
+            return Some(match here {
+                Some(here) => wishes.explores(&ask.client_id, number, here),
+                None => policy.weigh_gain || wishes.draws(&ask.client_id, number, None),
+            });
+        }
+        let visit = self.visits.of(&ask.client_id);
+        let exploits = visit.is_none_or(|visit| matches!(visit.decision, VisitDecision::Exploit { .. }));
         let held = here.and_then(|here| self.trials.of_client(&ask.client_id, here));
-        held.is_some_and(|trial| !self.leaves_start(ask, trial) && self.still_fits(ask, trial, None))
+        let holds =
+            || held.is_some_and(|trial| !self.leaves_start(ask, trial) && self.still_fits(ask, trial, None));
+        (!exploits && !holds()).then_some(true)
+    }
+
+    /// Whether the client holds its start there, which is taken back before it is answered.
+    fn takes_start_back(&self, ask: &Ask, here: StateId) -> bool {
+        let held = self.trials.of_client(&ask.client_id, here);
+        held.is_some_and(|held| self.leaves_start(ask, held))
     }
 
     /// A copy of the state's search, if its next point takes a fit and will be asked for, and the number of
@@ -220,27 +193,41 @@ impl Tuner {
     fn search_to_plan(&self, ask: &Ask, state: StateId) -> Option<(StateId, Box<AnySearch>, usize)> {
         let (policy, results) = (&self.spec.policy, self.states.results(state));
         let exploration = self.searches.of(state)?;
-        let room = self.room_of(&ask.session_policy);
+        let room = self.wishes(&ask.session_policy).room();
         let mut search = Cow::Borrowed(exploration.search.as_ref()?);
         if !self.spec.objective.fidelities().is_empty() {
-            search.to_mut().open_levels(&self.open_levels(ask, room));
+            search.to_mut().open_levels(&self.wishes(&ask.session_policy).open_levels(ask.fidelities));
         }
         let goes_on = search.is_of(policy.search)
             && !search.is_ready()
             && !is_spent(exploration, results, policy, room)
             && self.transfer().untried_by_machines(state).is_none();
-        if !goes_on || !self.affords(ask, state) {
+        if !goes_on || !self.visits.affords(policy, ask, self.standings().default_runs(state)) {
             return None;
         }
         // Where others work on the state too, some of them will ask before the next fit ends.
         let reserve = exploration.open.len().min(POINTS_IN_RESERVE_MAX);
         Some((state, Box::new(search.into_owned()), reserve))
     }
+}
 
-    /// Whether the client's budget, if it has one, allows for exploring.
-    fn affords(&self, ask: &Ask, state: StateId) -> bool {
-        let account = self.visits.account(&ask.client_id);
-        let Some((terms, account)) = Terms::of(&self.spec.policy).zip(account) else { return true };
-        account.leave(terms, ask.can_abort, self.default_runs(state)).is_ok()
+/// The machines by the time of a question, when one that is new is known, and the machine that asks.
+fn machines_of<'a>(machines: &'a Machines, asks: Option<&Fingerprint>) -> (Cow<'a, Machines>, MachineId) {
+    if let Some(machine) = machines.find(asks) {
+        return (Cow::Borrowed(machines), machine);
     }
+    let mut grown = machines.clone();
+    let (machine, _) = grown.note_founder(asks);
+    (Cow::Owned(grown), machine)
+}
+
+/// The state whose own measurements answer a question, as far as is known before it is answered: its own
+/// state where anything was measured there, else the nearest.
+fn state_that_answers(states: &States, query: &Query<'_>, here: Option<StateId>) -> Option<StateId> {
+    let answers_itself = |state: &StateId| states.results(*state).best().is_some();
+    let nearest = || {
+        let answer = Nearest.predict(query)?;
+        answer.neighbours.first().map(|nearest| StateId(nearest.state_id))
+    };
+    here.filter(answers_itself).or_else(nearest)
 }

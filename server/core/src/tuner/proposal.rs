@@ -6,6 +6,15 @@ use crate::decision::{
 };
 use crate::tuner::{Prediction, VisitDecision};
 
+/// The grounds that an answer may rest on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Ground {
+    /// Measurements alone: no client gets a configuration that was never run.
+    Measured,
+    /// A prediction as well, where it is worth its risk.
+    Predicted,
+}
+
 /// A configuration to measure, and why.
 #[derive(Clone, Debug)]
 pub(super) struct ProposedTrial {

@@ -137,10 +137,12 @@ fn plan_apart(tuner: &mut Tuner, question: &Ask, now_ms: i64) -> Result<(Trial, 
     if let Some(updates) = tuner.deferred_updates() {
         tuner.apply_updates(updates.compute(&spec.space));
     }
-    let recognised = tuner.question(question)?;
-    match tuner.plan(&recognised, |_| true) {
-        Some(request) => tuner.suggest_planned(question, request.compute(), now_ms),
-        None => tuner.suggest_now(recognised, now_ms),
+    let mut plan = None;
+    loop {
+        match tuner.suggest_step(question, plan, |_| true, now_ms)? {
+            DecisionStep::Need(request) => plan = Some(request.compute()),
+            DecisionStep::Done(answer) => return Ok(answer),
+        }
     }
 }
 

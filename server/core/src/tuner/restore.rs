@@ -11,7 +11,8 @@ use crate::policy::PredictorMethod;
 use crate::predict::Predictors;
 use crate::study::StudySpec;
 use crate::trial::{Trial, TrialState};
-use crate::tuner::trials::OpenTrials;
+use crate::tuner::clients::OpenTrials;
+use crate::tuner::knowledge::States;
 use crate::tuner::{Change, Checkpoint, Exploration, RestoreError, Snapshot, StateRecord, Tuner, Visit};
 
 /// A tuner that is being rebuilt. The driver reads the completed trials behind [`after`](Restoring::after) in
@@ -44,14 +45,14 @@ impl Restoring {
         // No model is taught until its place in the order of completion is reached.
         tuner.models.begin(&tuner.spec, PredictorMethod::NearestNeighbour, &tuner.states, since);
         tuner.trials = OpenTrials::after(TrialNumber(snapshot.last_trial));
+        let mut restoring = Restoring { tuner, taught: None, models_begun: false, passed_over: None };
         for record in snapshot.states {
-            tuner.restore_state(record)?;
+            restoring.restore_state(record)?;
         }
         for visit in snapshot.visits {
-            tuner.restore_visit(visit)?;
+            restoring.restore_visit(visit)?;
         }
-        let passed_over = checkpoint.and_then(|checkpoint| tuner.take_over(checkpoint).err());
-        let mut restoring = Restoring { tuner, taught: None, models_begun: false, passed_over };
+        restoring.passed_over = checkpoint.and_then(|checkpoint| restoring.tuner.take_over(checkpoint).err());
         // A checkpoint from the very place of the change, or from behind it, brings the models with it.
         restoring.models_begun = restoring.tuner.last_completion > since;
         restoring.begin_models();
@@ -72,7 +73,7 @@ impl Restoring {
     /// the study's space. If [`after`](Restoring::after) then stands before the trial, the trial was not
     /// learnt: `after` went back, and the trial comes again later.
     pub fn learn(&mut self, trial: &Trial) -> Result<(), RestoreError> {
-        self.tuner.check_trial(trial)?;
+        check_trial(&self.tuner, trial)?;
         let Some(completion) = trial
             .completion
             .filter(|completion| trial.state == TrialState::Completed && *completion > self.after())
@@ -102,7 +103,7 @@ impl Restoring {
         let since = self.tuner.models.since;
         self.taught = self.taught.filter(|_| completion <= since);
         if !self.models_begun && completion > since {
-            self.tuner.reach(since);
+            self.reach(since);
             self.begin_models();
             if self.taught.is_some() {
                 return;
@@ -113,14 +114,14 @@ impl Restoring {
             if let Some(trial) = trial
                 && let Ok(normalised) = self.tuner.spec.indicators.normalise(&trial.indicators)
             {
-                self.tuner.teach(trial, &normalised);
+                self.tuner.learning().teach(trial, &normalised);
             }
             self.tuner.models.catch_up(&self.tuner.spec.space);
         } else if let Some(trial) = trial {
-            self.tuner.reach(completion - 1);
+            self.reach(completion - 1);
             self.tuner.complete(trial);
         } else {
-            self.tuner.reach(completion);
+            self.reach(completion);
         }
         self.taught = self.taught.filter(|taught| *taught < since);
         self.begin_models();
@@ -141,6 +142,49 @@ impl Restoring {
         }
     }
 
+    /// Goes on in the order of completion past trials that are not stored any more. They are still counted.
+    fn reach(&mut self, completion: u64) {
+        assert!(
+            completion >= self.tuner.last_completion,
+            "{completion} after {}",
+            self.tuner.last_completion
+        );
+        self.tuner.completed += completion - self.tuner.last_completion;
+        self.tuner.last_completion = completion;
+    }
+
+    fn restore_state(&mut self, record: StateRecord) -> Result<(), RestoreError> {
+        let StateRecord { id, indicators, fingerprint, mut search } = record;
+        let expected = self.tuner.states.len() as u64 + 1;
+        if id != expected {
+            return Err(inconsistent(format!("state {id} stands where state {expected} should")));
+        }
+        let width = self.tuner.spec.indicators.indicators().len();
+        if indicators.len() != width || indicators.iter().any(|value| !value.is_finite()) {
+            return Err(inconsistent(format!("state {id} does not have {width} finite indicators")));
+        }
+        if search.as_ref().is_some_and(|search| !search.fits(&self.tuner.spec.space)) {
+            return Err(inconsistent(format!("the race of state {id} does not fit the space")));
+        }
+        if let Some(search) = search.as_mut().and_then(|exploration| exploration.search.as_mut()) {
+            search.set_space(&self.tuner.spec.space);
+        }
+        let state = self.tuner.states.found(indicators, fingerprint.as_ref());
+        self.tuner.states.restore_search(state, search.as_ref().is_some_and(Exploration::is_begun));
+        self.tuner.searches.found(search);
+        self.tuner.history.found();
+        assert_eq!(state.0, expected, "states are founded in their order");
+        assert_eq!(self.tuner.history.len(), self.tuner.states.len(), "every state has a history");
+        Ok(())
+    }
+
+    fn restore_visit(&mut self, visit: Visit) -> Result<(), RestoreError> {
+        let what = || format!("the visit of client {:?}", visit.client_id);
+        check_state(&self.tuner.states, visit.state_id, what)?;
+        self.tuner.visits.begin(visit);
+        Ok(())
+    }
+
     /// Enters the open trials. The answers that follow are those of a tuner that never stopped.
     pub fn finish(self, open: impl IntoIterator<Item = Trial>) -> Result<Tuner, RestoreError> {
         let mut tuner = self.tuner;
@@ -151,7 +195,7 @@ impl Restoring {
             )));
         }
         for trial in open {
-            tuner.check_trial(&trial)?;
+            check_trial(&tuner, &trial)?;
             if trial.state == TrialState::Open {
                 tuner.visits.note_held(&trial.client_id, true);
                 tuner.trials.enter(trial);
@@ -214,67 +258,28 @@ impl Tuner {
                 && let Some(search) = self.searches.change(state)
             {
                 search.disbelieve(state == own);
-                change.states.push(self.state_record(state));
+                change.states.push(self.standings().row(state));
             }
         }
         change
     }
+}
 
-    /// Goes on in the order of completion past trials that are not stored any more. They are still counted.
-    fn reach(&mut self, completion: u64) {
-        assert!(completion >= self.last_completion, "{completion} after {}", self.last_completion);
-        self.completed += completion - self.last_completion;
-        self.last_completion = completion;
+fn check_trial(tuner: &Tuner, trial: &Trial) -> Result<(), RestoreError> {
+    let what = || format!("trial {}", trial.number);
+    check_state(&tuner.states, trial.state_id, what)?;
+    if trial.number == 0 || trial.number > tuner.trials.last().0 {
+        let last = tuner.trials.last();
+        return Err(inconsistent(format!("{} is not among the {last} handed out", what())));
     }
+    Ok(())
+}
 
-    fn restore_state(&mut self, record: StateRecord) -> Result<(), RestoreError> {
-        let StateRecord { id, indicators, fingerprint, mut search } = record;
-        let expected = self.states.len() as u64 + 1;
-        if id != expected {
-            return Err(inconsistent(format!("state {id} stands where state {expected} should")));
-        }
-        let width = self.spec.indicators.indicators().len();
-        if indicators.len() != width || indicators.iter().any(|value| !value.is_finite()) {
-            return Err(inconsistent(format!("state {id} does not have {width} finite indicators")));
-        }
-        if search.as_ref().is_some_and(|search| !search.fits(&self.spec.space)) {
-            return Err(inconsistent(format!("the race of state {id} does not fit the space")));
-        }
-        if let Some(search) = search.as_mut().and_then(|exploration| exploration.search.as_mut()) {
-            search.set_space(&self.spec.space);
-        }
-        let state = self.states.found(indicators, fingerprint.as_ref());
-        self.states.restore_search(state, search.as_ref().is_some_and(Exploration::is_begun));
-        self.searches.found(search);
-        self.history.found();
-        assert_eq!(state.0, expected, "states are founded in their order");
-        assert_eq!(self.history.len(), self.states.len(), "every state has a history");
+fn check_state(states: &States, state_id: u64, what: impl Fn() -> String) -> Result<(), RestoreError> {
+    if states.contains(StateId(state_id)) {
         Ok(())
-    }
-
-    fn restore_visit(&mut self, visit: Visit) -> Result<(), RestoreError> {
-        let what = || format!("the visit of client {:?}", visit.client_id);
-        self.check_state(visit.state_id, what)?;
-        self.visits.begin(visit);
-        Ok(())
-    }
-
-    fn check_trial(&self, trial: &Trial) -> Result<(), RestoreError> {
-        let what = || format!("trial {}", trial.number);
-        self.check_state(trial.state_id, what)?;
-        if trial.number == 0 || trial.number > self.trials.last().0 {
-            let last = self.trials.last();
-            return Err(inconsistent(format!("{} is not among the {last} handed out", what())));
-        }
-        Ok(())
-    }
-
-    fn check_state(&self, state_id: u64, what: impl Fn() -> String) -> Result<(), RestoreError> {
-        if self.states.contains(StateId(state_id)) {
-            Ok(())
-        } else {
-            Err(inconsistent(format!("{} names state {state_id}, which does not exist", what())))
-        }
+    } else {
+        Err(inconsistent(format!("{} names state {state_id}, which does not exist", what())))
     }
 }
 
@@ -386,7 +391,7 @@ mod tests {
         assert!(restoring.pass_over(60).is_err(), "it was passed over");
         let back = restoring.finish([]).expect("whole");
         assert_eq!(back.statistics().completed_trials, 60);
-        learnt.reach(60);
+        (learnt.completed, learnt.last_completion) = (60, 60);
         assert_eq!(back.learnt().checkpoint(), learnt.learnt().checkpoint());
     }
 

@@ -5,8 +5,8 @@ use crate::ids::{StateId, TrialNumber};
 use crate::limits::{CLIENTS_MAX, OPEN_TRIALS_PER_CLIENT_MAX, STATES_MAX, STATES_OF_NEW_MACHINES_MAX};
 use crate::policy::Operation;
 use crate::trial::{Mode, Rule, Trial, TrialState};
-use crate::tuner::decide::Ground;
 use crate::tuner::plan::Planned;
+use crate::tuner::proposal::Ground;
 use crate::tuner::{Ask, Change, Prediction, Question, Tuner, TunerError, Visit, VisitDecision};
 
 impl Tuner {
@@ -19,7 +19,7 @@ impl Tuner {
         now_ms: i64,
     ) -> Result<(Trial, Change), TunerError> {
         let Question { ask, normalised, state: found } = question;
-        self.keep_planned(&mut planned);
+        planned.keep_in(&mut self.assessments);
         self.check_room(&ask.client_id, found)?;
         // From here on nothing fails.
         let state = found.unwrap_or_else(|| self.found(normalised.clone(), ask.fingerprint.as_ref()));
@@ -59,20 +59,12 @@ impl Tuner {
             change.visits.push(visit.clone());
         }
         if found.is_none() || self.searches.changes(state) != changes_before {
-            change.states.push(self.state_record(state));
+            change.states.push(self.standings().row(state));
         }
         let trial = change.trials[change.trials.len() - 1].clone();
         assert_eq!((trial.state, trial.state_id), (TrialState::Open, state.0), "it is open in the state");
         assert_eq!(trial.client_id, ask.client_id, "the trial of another client");
         Ok((trial, change))
-    }
-
-    /// Keeps the planned assessments of a state.
-    pub(super) fn keep_planned(&mut self, planned: &mut Planned) {
-        let made = [planned.take_assessment(), planned.take_beside_start()];
-        for (state, assessment) in made.into_iter().flatten() {
-            self.assessments.keep(state, assessment);
-        }
     }
 
     fn check_room(&self, client_id: &str, found: Option<StateId>) -> Result<(), TunerError> {
@@ -128,7 +120,7 @@ impl Tuner {
                 // A session that explores no more runs it to its end only if it has shown that it runs it, or
                 // if nothing else was known.
                 let is_wanted = trial.decision.heartbeat
-                    || !self.never_explores(&ask.session_policy)
+                    || !self.wishes(&ask.session_policy).never_explores()
                     || trial.decision.rule() == Some(Rule::NothingKnown);
                 policy.operation == Operation::Tune && is_wanted && policy.regret_budget.is_none_or(covers)
             }
@@ -165,11 +157,12 @@ impl Tuner {
         };
         if self.spec.policy.operation == Operation::Freeze {
             let (start, ground) = (self.start_of(ask), Ground::Measured);
-            let known = self.exploitation_from(start.as_ref(), normalised, Some(state), ground, planned);
+            let known =
+                self.exploiting(planned).exploitation(start.as_ref(), normalised, Some(state), ground);
             return known.by(ExploitRule::Frozen, ExplorationEstimate::default(), BudgetStatus::default());
         }
         let mut prediction = self.explore_within_budget(ask, number, normalised, state, decided, planned);
-        if let Some(level) = self.cheaper_level(ask, number, state)
+        if let Some(level) = self.wishes(&ask.session_policy).cheaper_level(ask.fidelities, number, state)
             && let Choice::Explore(explore) = &mut prediction.decision.choice
         {
             // A cost at another level says nothing of the reference.
@@ -177,26 +170,6 @@ impl Tuner {
             prediction.decision.fidelity = Some(level);
         }
         prediction
-    }
-
-    /// The costs of the cheaper levels at which a client runs trials, as shares of a full one. With a budget
-    /// of regret there are none, nor where the search tries every configuration.
-    pub(super) fn open_levels(&self, ask: &Ask, room: usize) -> Vec<f64> {
-        let is_open = ask.fidelities
-            && self.spec.policy.regret_budget.is_none()
-            && self.searches.few().count().is_none_or(|count| count > room);
-        let levels = self.spec.objective.fidelities().iter().filter(|_| is_open);
-        levels.map(|level| level.cost).collect()
-    }
-
-    /// The name of the cheaper level at which a trial measures the point of the state's search. `None` for in
-    /// full.
-    fn cheaper_level(&self, ask: &Ask, number: TrialNumber, state: StateId) -> Option<String> {
-        let own = self.searches.of(state)?;
-        let level = own.search.as_ref()?.level_of(*own.open.get(&number.0)?)?;
-        let is_open = !self.open_levels(ask, self.room_of(&ask.session_policy)).is_empty();
-        let level = self.spec.objective.fidelities().get(level as usize).filter(|_| is_open);
-        level.map(|level| level.name.clone())
     }
 
     fn hand_out(
@@ -207,7 +180,7 @@ impl Tuner {
         mut prediction: Prediction,
         now_ms: i64,
     ) -> Trial {
-        prediction.decision.silent = self.is_silent(ask);
+        prediction.decision.silent = self.visits.is_silent(ask, &self.spec.policy);
         prediction.decision.session = ask.session;
         prediction.decision.lost_leases = self.searches.lost(state, &prediction.configuration);
         let Prediction { configuration, decision, predicted_cost, .. } = prediction;
@@ -232,15 +205,6 @@ impl Tuner {
             account.again(number.0);
         }
         self.renew(number, now_ms)
-    }
-
-    /// Counts the next trial in its session, and returns whether it is excluded from learning. A trial
-    /// carried over from elsewhere is not run, so it warms nothing up.
-    fn is_silent(&mut self, ask: &Ask) -> bool {
-        let warm_up = u64::from(self.spec.policy.warm_up);
-        let frozen = self.spec.policy.operation == Operation::Freeze;
-        let before = self.visits.account_mut(&ask.client_id).map(|account| account.count());
-        frozen || (ask.origin.is_none() && before.is_some_and(|before| before < warm_up))
     }
 
     /// Gives an open trial a fresh lease.

@@ -22,7 +22,7 @@ use crate::standing::Standing;
 use crate::study::StudyError;
 use crate::trial::{Fingerprint, Mode, Reason, Trial, TrialState};
 use crate::tuner::budget::Account;
-use crate::tuner::exploration::Exploration;
+use crate::tuner::exploring::exploration::Exploration;
 use crate::tuner::insight::Insight;
 
 /// A client's question for its next configuration.

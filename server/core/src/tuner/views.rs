@@ -8,10 +8,12 @@ use crate::policy::PredictorMethod;
 use crate::predict::prequential::ErrorInterval;
 use crate::session::SessionPolicy;
 use crate::trial::{Fingerprint, Trial};
-use crate::tuner::gain::GainEvidence;
+use crate::tuner::exploring::{Exploiting, Racing, Repeats, Standings, Transfer, Walk};
+use crate::tuner::knowledge::GainEvidence;
+use crate::tuner::learning::Learning;
 use crate::tuner::plan::Planned;
-use crate::tuner::transfer::Transfer;
-use crate::tuner::{Ask, Best, Prediction, Question, StateRecord, StudyCounts, Tuner, TunerError, checks};
+use crate::tuner::session::Wishes;
+use crate::tuner::{Ask, Best, Prediction, Question, StudyCounts, Tuner, TunerError, checks};
 
 impl Tuner {
     /// Counts.
@@ -91,8 +93,8 @@ impl Tuner {
         checks::fingerprint(fingerprint)?;
         let normalised = self.spec.indicators.normalise(indicators)?;
         let here = self.recognise_for(fingerprint, &normalised);
-        let ground = self.ground(&SessionPolicy::default());
-        let exploit = || self.exploitation_from(start, &normalised, here, ground, planned).asked();
+        let ground = self.wishes(&SessionPolicy::default()).ground();
+        let exploit = || self.exploiting(planned).exploitation(start, &normalised, here, ground).asked();
         let prediction = self.pinned().unwrap_or_else(exploit);
         Ok(Prediction { insight: here.map(|here| self.insight(here, start, planned)), ..prediction })
     }
@@ -100,6 +102,39 @@ impl Tuner {
     pub(super) fn gain(&self) -> GainEvidence<'_> {
         let Tuner { spec, states, history, .. } = self;
         GainEvidence { policy: &spec.policy, states, history }
+    }
+
+    pub(super) fn standings(&self) -> Standings<'_> {
+        let Tuner { spec, states, searches, assessments, .. } = self;
+        Standings { spec, states, searches, assessments }
+    }
+
+    pub(super) fn racing(&mut self) -> Racing<'_> {
+        let Tuner { spec, states, searches, assessments, .. } = self;
+        Racing { spec, states, searches, assessments }
+    }
+
+    pub(super) fn repeats(&self) -> Repeats<'_> {
+        let Tuner { speeds, rechecks, auxiliaries, .. } = self;
+        Repeats { standings: self.standings(), transfer: self.transfer(), speeds, rechecks, auxiliaries }
+    }
+
+    pub(super) fn walk(&mut self) -> Walk<'_> {
+        let Tuner { spec, states, searches, trials, models, .. } = self;
+        Walk { spec, states, searches, trials, models }
+    }
+
+    pub(super) fn learning(&mut self) -> Learning<'_> {
+        let Tuner { spec, states, history, speeds, rechecks, auxiliaries, models, searches, .. } = self;
+        Learning { spec, states, history, speeds, rechecks, auxiliaries, models, searches }
+    }
+
+    pub(super) fn exploiting<'a>(&'a self, planned: &'a Planned) -> Exploiting<'a> {
+        Exploiting { standings: self.standings(), gain: self.gain(), transfer: self.transfer(), planned }
+    }
+
+    pub(super) fn wishes<'a>(&'a self, session: &'a SessionPolicy) -> Wishes<'a> {
+        Wishes { session, standings: self.standings(), gain: self.gain() }
     }
 
     pub(super) fn transfer(&self) -> Transfer<'_> {
@@ -125,39 +160,6 @@ impl Tuner {
                 let all = self.states.ids().filter_map(|state| Some((state, best_of(&state)?)));
                 Ok(all.min_by(|a, b| a.1.total_cmp(&b.1)).map(|(state, _)| state))
             }
-        }
-    }
-
-    pub(super) fn best_answer(
-        &self,
-        state: StateId,
-        start: Option<&Configuration>,
-        planned: &Planned,
-    ) -> Option<Best> {
-        let answered = self.answered(state, start, planned)?;
-        let default = self.measured_start(state, start).unwrap_or(self.spec.space.default_ref());
-        let results = self.states.results(state);
-        let record = results.record(&answered.configuration)?;
-        assert!(record.measurements > 0 && !record.infeasible, "the best was measured and can be run");
-        Some(Best {
-            configuration: record.configuration.clone(),
-            cost: results.reported(&record.configuration, record.mean_cost),
-            default_cost: self.states.cost_of(state, default).map(|cost| results.reported(default, cost)),
-            measurements: record.measurements,
-            state_id: state.0,
-            trial: record.last_trial,
-            last_measure_ms: record.last_measure_ms,
-            standing: self.standing(state, start, planned)?,
-        })
-    }
-
-    /// The row of a state.
-    pub(super) fn state_record(&self, state: StateId) -> StateRecord {
-        StateRecord {
-            id: state.0,
-            indicators: self.states[state].anchor.clone(),
-            fingerprint: self.states.fingerprint(state).cloned(),
-            search: self.searches.record(state).cloned(),
         }
     }
 }

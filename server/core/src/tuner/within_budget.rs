@@ -13,6 +13,7 @@ use crate::results::{Record, ResultTable};
 use crate::robust::is_torn;
 use crate::tuner::budget::{Denied, Terms};
 use crate::tuner::explore::Explored;
+use crate::tuner::knowledge::GainEvidence;
 use crate::tuner::plan::Planned;
 use crate::tuner::proposal::Exploitation;
 use crate::tuner::{Ask, Prediction, Tuner};
@@ -31,11 +32,11 @@ impl Tuner {
         decided: ExploreBasis,
         planned: &mut Planned,
     ) -> Prediction {
-        let (policy, room) = (&self.spec.policy, self.room_of(&ask.session_policy));
+        let (policy, room) = (&self.spec.policy, self.wishes(&ask.session_policy).room());
         let (Some(terms), Some(account)) = (Terms::of(policy), self.visits.account(&ask.client_id)) else {
             let own = ask.session_policy.abort_above.or(policy.abort_above);
             let factor = own.or(ask.can_abort.then_some(ABORT_ABOVE_STOPPABLE));
-            let pace = self.pace_of(&ask.client_id);
+            let pace = self.speeds.pace_of(policy, &ask.client_id);
             let reference = reference(self.states.results(state));
             let cap = factor.zip(reference.map(|cost| (cost * pace).min(f64::MAX)));
             let explored = self.explore((ask, room), state, number, normalised, planned);
@@ -46,12 +47,12 @@ impl Tuner {
             }
             return answer(explored, decided, budget, abort_above);
         };
-        match account.leave(terms, ask.can_abort, self.default_runs(state)) {
+        match account.leave(terms, ask.can_abort, self.standings().default_runs(state)) {
             Ok(leave) => {
                 assert!(leave.left >= leave.set_aside, "{} covers {}", leave.left, leave.set_aside);
                 let explored = self.explore((ask, room), state, number, normalised, planned);
                 let explores = explored.explores();
-                let is_charged = explores || self.runs_dear_incumbent(&explored, state);
+                let is_charged = explores || runs_dear_incumbent(self.gain(), &explored, state);
                 // Enough for the worst.
                 if is_charged && let Some(account) = self.visits.account_mut(&ask.client_id) {
                     account.set_aside(number.0, leave.set_aside);
@@ -89,24 +90,13 @@ impl Tuner {
         }
     }
 
-    /// Whether an incumbent is measured again that does clearly worse than the best measured configuration.
-    /// Its cost above the reference then counts as that of exploring.
-    fn runs_dear_incumbent(&self, explored: &Explored, state: StateId) -> bool {
-        match explored {
-            Explored::Candidate(candidate) => {
-                matches!(candidate.point, ExploredPoint::Incumbent { is_default: false, .. })
-                    && self.gain().does_clearly_worse(state, &candidate.configuration)
-            }
-            Explored::Nothing { .. } => false,
-        }
-    }
-
     /// The configuration to run while the budget does not allow exploring: the default, or the client's
     /// start, once in each stay, as a reference for the cost of exploring, then the best measured there.
     /// `None` where there is neither.
     fn baseline(&self, ask: &Ask, denied: Denied, state: StateId, planned: &Planned) -> Option<Exploitation> {
-        let start = self.usable_start(ask, state);
-        if matches!(denied, Denied::NoReference) && (start.is_some() || self.default_runs(state)) {
+        let start = self.start_of(ask).filter(|start| self.standings().may_run_start(state, start));
+        if matches!(denied, Denied::NoReference) && (start.is_some() || self.standings().default_runs(state))
+        {
             let configuration = start.unwrap_or_else(|| self.spec.space.default_configuration());
             return Some(Exploitation {
                 predicted_cost: self.states.cost_of(state, &configuration),
@@ -115,8 +105,20 @@ impl Tuner {
                 rolled_back: false,
             });
         }
-        let best = self.best_known(state, None, planned)?;
-        Some(self.beside_start(best, start.as_ref(), Some(state), planned))
+        let exploiting = self.exploiting(planned);
+        Some(exploiting.beside_start(exploiting.best_known(state, None)?, start.as_ref(), Some(state)))
+    }
+}
+
+/// Whether an incumbent is measured again that does clearly worse than the best measured configuration.
+/// Its cost above the reference then counts as that of exploring.
+fn runs_dear_incumbent(gain: GainEvidence<'_>, explored: &Explored, state: StateId) -> bool {
+    match explored {
+        Explored::Candidate(candidate) => {
+            matches!(candidate.point, ExploredPoint::Incumbent { is_default: false, .. })
+                && gain.does_clearly_worse(state, &candidate.configuration)
+        }
+        Explored::Nothing { .. } => false,
     }
 }
 

@@ -121,7 +121,7 @@ fn an_infeasible_default_leaves_nothing_but_exploring() {
 /// A race of some frames on a budget of 0.5, in which everything costs 10 and the incumbent, which is not the
 /// default, 30, or in its runs what `cost_of` says. `look` sees each trial, and whether it is such a run.
 fn race(frames: u32, cost_of: impl Fn(u32) -> f64, mut look: impl FnMut(&Trial, bool)) {
-    use crate::tuner::confirmation::Stored;
+    use crate::tuner::knowledge::Stored;
     let policy =
         Policy { regret_budget: Some(0.5), abort_above: Some(2.0), confirm_rounds: 10, ..explore_always() };
     let mut tuner = tuner(Policy { trials_per_state: 8, ..policy });

@@ -105,7 +105,7 @@ fn a_client_that_stays_confirms_the_search_that_others_left() {
     let policy = Policy { confirm_rounds: 10, ..explore_always() };
     let mut tuner = tuner(policy.clone());
     run(&mut tuner, "a", 0.5, 0.5, 30);
-    assert!(tuner.is_to_be_confirmed(StateId(1)), "the search is over");
+    assert!(tuner.standings().is_to_be_confirmed(StateId(1)), "the search is over");
     tuner.set_policy(Policy { epsilon: 0.2, ..policy }).expect("valid");
     run(&mut tuner, "b", 0.5, 0.5, 1);
     // As if the dice had been against it when it came.

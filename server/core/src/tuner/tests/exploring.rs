@@ -264,7 +264,7 @@ fn what_others_know_is_planned_apart() {
         assert!(frame > 0 || request.is_some(), "a guide is no lookup");
         let plan = request.map(PlanRequest::compute).unwrap_or_default();
         let (one, _) = alone.suggest(&ask, 0).expect("a valid question");
-        let (other, _) = shared.suggest_planned(&ask, plan, 0).expect("a valid question");
+        let other = with_plan(&mut shared, &ask, plan);
         assert_eq!(one, other);
         for tuner in [&mut alone, &mut shared] {
             let _change = tuner.report(&one, measured(cost(&one)), Outcome::Ok, 1).expect("a valid report");

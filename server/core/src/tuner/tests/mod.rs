@@ -96,6 +96,14 @@ fn suggest(tuner: &mut Tuner, client: &str, x: f64, y: f64) -> Trial {
     tuner.suggest(&ask(client, x, y), 0).expect("a valid question").0
 }
 
+/// The trial of a question with its plan.
+fn with_plan(tuner: &mut Tuner, ask: &Ask, plan: SuggestionPlan) -> Trial {
+    match tuner.suggest_step(ask, Some(plan), |_| true, 0).expect("a valid question") {
+        DecisionStep::Done((trial, _)) => trial,
+        DecisionStep::Need(_) => panic!("a question that has its plan needs more"),
+    }
+}
+
 fn finish(tuner: &mut Tuner, trial: &Trial, outcome: Outcome) -> Trial {
     tuner.report(trial, measured(cost(trial)), outcome, 1).expect("a valid report").0
 }

@@ -5,8 +5,8 @@ use super::*;
 use crate::limits::DEFERRED_UPDATES_MAX;
 use crate::search::{AnySearch, SearchSetup};
 use crate::trial::Fingerprint;
+use crate::tuner::exploring::Searches;
 use crate::tuner::plan::Planned;
-use crate::tuner::searches::Searches;
 
 fn search(state: u64) -> AnySearch {
     let space = spec(Policy::default()).space;
@@ -158,7 +158,7 @@ fn a_portfolio_begins_where_most_states_near_by_were_searched() {
 fn a_race_begins_and_ends_where_the_table_never_rests() {
     let mut tuner = tuner(Policy { epsilon: 1.0, trials_per_state: 40, ..Policy::default() });
     run(&mut tuner, "a", 0.5, 0.5, 40);
-    assert!(tuner.is_to_be_confirmed(StateId(1)), "the search is over");
+    assert!(tuner.standings().is_to_be_confirmed(StateId(1)), "the search is over");
     let (own, beside) = (ask("a", 0.5, 0.5), ask("b", 0.5, 0.5));
     let default = tuner.spec().space.default_configuration().to_raw();
     let mut rules = Vec::new();
@@ -167,7 +167,7 @@ fn a_race_begins_and_ends_where_the_table_never_rests() {
         let question = tuner.question(&own).expect("valid");
         let plan = tuner.plan(&question, |_| true).map(PlanRequest::compute).unwrap_or_default();
         finish(&mut tuner, &busy, Outcome::Ok);
-        let trial = tuner.suggest_planned(&own, plan, 0).expect("valid").0;
+        let trial = with_plan(&mut tuner, &own, plan);
         rules.push(trial.decision.rule().expect("a trial has a rule"));
         finish(&mut tuner, &trial, Outcome::Ok);
     }

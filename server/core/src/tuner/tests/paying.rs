@@ -86,12 +86,12 @@ fn what_the_budget_ended_is_confirmed_where_gains_are_weighed() {
     let policy = Policy { confirm_rounds: 10, ..explore_always() };
     let mut tuner = tuner(policy.clone());
     run(&mut tuner, "a", 0.5, 0.5, 30);
-    assert!(tuner.is_to_be_confirmed(StateId(1)), "the search is over");
+    assert!(tuner.standings().is_to_be_confirmed(StateId(1)), "the search is over");
     tuner.set_policy(Policy { weigh_gain: true, ..policy }).expect("valid");
     let trials = run(&mut tuner, "b", 0.5, 0.5, 80);
     let confirms = |trial: &Trial| trial.decision.rule() == Some(Rule::Confirming);
     assert!(trials.iter().any(confirms), "nobody would ever confirm it");
-    assert!(!tuner.is_to_be_confirmed(StateId(1)));
+    assert!(!tuner.standings().is_to_be_confirmed(StateId(1)));
     assert_eq!(trials[79].decision.rule(), Some(Rule::Finished));
 }
 
@@ -101,7 +101,7 @@ fn who_stays_is_not_left_at_what_the_dice_gave_first() {
     run(&mut tuner, "first", 0.5, 0.5, 20);
     for client in 0..12 {
         let explored = explored(&mut tuner, &format!("client {client}"), 0.5, 40, cost);
-        if tuner.is_finished(StateId(1)) {
+        if tuner.standings().is_finished(StateId(1)) {
             return;
         }
         assert!(explored > 0, "client {client}");
@@ -171,7 +171,7 @@ fn a_state_that_nobody_met_is_answered_with_what_serves_the_others_best() {
     }
     let asked = ask("z", 0.95, 0.9).indicators;
     let predicted = tuner.predict(&asked, None).expect("valid");
-    let answer = tuner.measured_answer(&[0.95, 0.9], None, &Planned::AtOnce).asked();
+    let answer = tuner.exploiting(&Planned::AtOnce).measured_answer(&[0.95, 0.9], None).asked();
     assert_eq!((answer.reason().source.as_str(), answer.mode()), ("portfolio", Mode::Exploit));
     assert!(!answer.reason().neighbours.is_empty());
     // A client that explores begins with it, and then runs the default.
@@ -210,7 +210,11 @@ fn what_clients_brought_along_serves_the_next_state() {
     assert_eq!((answer.reason().source.as_str(), answer.configuration.to_raw()), ("portfolio", best.clone()));
     let first = suggest(&mut tuner, "b", 0.95, 0.9);
     assert_eq!(first.configuration.get("min_leaf_size"), Some(&Value::Integer(5)));
-    assert_eq!(*tuner.incumbent(StateId(first.state_id)), first.configuration, "proven elsewhere");
+    assert_eq!(
+        *tuner.standings().incumbent(StateId(first.state_id)),
+        first.configuration,
+        "proven elsewhere"
+    );
 }
 
 #[test]
@@ -222,12 +226,8 @@ fn forty_concurrent_questions_get_many_configurations() {
     for worker in 0..40 {
         let ask = ask(&format!("worker {worker}"), 0.5, 0.5);
         let question = tuner.question(&ask).expect("valid");
-        let plan = tuner.plan(&question, |_| worker == 0).map(PlanRequest::compute);
-        let trial = match plan {
-            Some(plan) => tuner.suggest_planned(&ask, plan, 0),
-            None => tuner.suggest_now(question, 0),
-        };
-        distinct.insert(trial.expect("valid").0.configuration);
+        let plan = tuner.plan(&question, |_| worker == 0).map(PlanRequest::compute).unwrap_or_default();
+        distinct.insert(with_plan(&mut tuner, &ask, plan).configuration);
     }
     assert!(distinct.len() >= 38, "{} of 40", distinct.len());
 }

@@ -171,7 +171,7 @@ fn what_was_taken_back_keeps_no_race_from_beginning() {
     for frame in 0..120 {
         let question = tuner.question(&ask).expect("valid");
         let plan = tuner.plan(&question, |_| true).map(PlanRequest::compute).unwrap_or_default();
-        let trial = tuner.suggest_planned(&ask, plan, 0).expect("valid").0;
+        let trial = with_plan(&mut tuner, &ask, plan);
         rules.push(trial.reason().explanation.rule.expect("a rule"));
         let _trial = finish(&mut tuner, &trial, Outcome::Ok);
         if (5..8).contains(&frame) {

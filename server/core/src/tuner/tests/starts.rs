@@ -90,10 +90,13 @@ fn answers_are_what_is_better_than_the_start_and_are_told_over_it() {
     let indicators = ask("d", 0.5, 0.5).indicators;
     let mut best = |start: Option<Configuration>| {
         let start = start.map(RawConfiguration::from);
-        let plan = tuner.plan_best(Some(&indicators), None, start.as_ref());
-        let plan = plan.map(PlanRequest::compute).unwrap_or_default();
-        let best = tuner.best_planned(Some(&indicators), None, start.as_ref(), plan);
-        best.expect("valid").expect("measured")
+        let mut plan = None;
+        loop {
+            match tuner.best_step(Some(&indicators), None, start.as_ref(), plan).expect("valid") {
+                DecisionStep::Need(request) => plan = Some(request.compute()),
+                DecisionStep::Done(best) => break best.expect("measured"),
+            }
+        }
     };
     let (plain, of_good, of_bad) = (best(None), best(Some(good())), best(Some(bad())));
     let is_about = |cost: Option<f64>, about: f64| cost.is_some_and(|cost| (cost - about).abs() < 1e-6);
@@ -154,7 +157,7 @@ fn settled() -> (Tuner, Rows) {
         let report = tuner.report(&trial, measured(noise * cost(&trial)), Outcome::Ok, 1);
         rows.write(&report.expect("valid").1);
     }
-    assert!(tuner.is_settled(StateId(1)));
+    assert!(tuner.standings().is_settled(StateId(1)));
     (tuner, rows)
 }
 
@@ -172,7 +175,7 @@ fn a_verdict_stands_unless_a_start_beats_it_also_after_a_restart() {
     for leaves in [16, 14] {
         let worse = own(&[("min_leaf_size", Value::Integer(leaves)), ("travel_cost", Value::Float(0.3))]);
         measure(&mut tuner, &mut rows, &worse, 1.0);
-        assert!(tuner.is_settled(state), "a worse start is no reason");
+        assert!(tuner.standings().is_settled(state), "a worse start is no reason");
         assert_eq!(tuner.best(None, None).expect("valid").expect("measured").configuration, verdict);
     }
     let lost = own(&[("travel_cost", Value::Float(0.7))]);
@@ -188,12 +191,12 @@ fn a_verdict_stands_unless_a_start_beats_it_also_after_a_restart() {
     assert!(!next(&tuner).decision.measures_start(), "it is left");
     for checkpoint in [None, Some(&saved)] {
         let restored = rows.restore(&tuner, checkpoint);
-        assert!(restored.is_settled(state));
+        assert!(restored.standings().is_settled(state));
         assert_eq!(next(&restored), next(&tuner));
     }
     let better = own(&[("width", Value::Integer(8)), ("travel_cost", Value::Float(4.97))]);
     measure(&mut tuner, &mut rows, &better, 0.2);
-    assert!(!tuner.is_settled(state), "a better one is a reason");
+    assert!(!tuner.standings().is_settled(state), "a better one is a reason");
 }
 
 #[test]
@@ -232,7 +235,7 @@ fn a_start_stays_the_answer_where_nothing_was_assessed_until_something_beats_it(
     }
     let answer = |tuner: &Tuner| {
         let hurried = Planned::Ahead(Box::default());
-        tuner.best_known(state, Some(&start), &hurried).expect("measured")
+        tuner.exploiting(&hurried).best_known(state, Some(&start)).expect("measured")
     };
     let (configuration, source) = (answer(&tuner).configuration, answer(&tuner).source);
     assert_eq!(configuration, start, "12.7 is hardly less than 12.75");

@@ -3,8 +3,8 @@
 //!
 //! The nearest states give the candidates: the answer of each, configurations measured in several, and the
 //! best known one of every branch of a conditional space. A single measurement in one state is mostly luck:
-//! such a candidate is a member only for its branch. [`CostTable::portfolio`] chooses among them. A portfolio
-//! is computed apart from the tuner whenever a state's search begins, and stored with that search.
+//! such a candidate is a member only for its branch. [`CostTable::portfolio_among`] chooses among them. A
+//! portfolio is computed apart from the tuner whenever a state's search begins, and stored with that search.
 
 use std::collections::{BTreeMap, HashMap};
 use std::sync::Arc;
@@ -14,29 +14,27 @@ use crate::limits::{PORTFOLIO_CANDIDATES_MAX, REWARD_COST_MIN};
 use crate::results::{Record, ResultTable};
 use crate::space::Space;
 use crate::statistics::portfolio::{CostEntry, CostTable, MEMBERS};
-use crate::tuner::gain::{NOISE_LEAST, NOISE_PRIOR};
+use crate::tuner::knowledge::gain::MEASUREMENTS_COUNTED;
 use crate::value::Value;
 
 /// Number of a state's best configurations that are candidates.
 const OF_A_STATE: usize = 3;
-/// Most measurements that make a cost more certain.
-const MEASUREMENTS_COUNTED: u64 = 16;
 /// Most members that only stand for a branch of the space.
 const BRANCHES_MAX: usize = 3;
 
 /// The results of another state, and its answers.
 #[derive(Clone, Debug)]
-pub(super) struct OtherState {
-    pub(super) results: Arc<ResultTable>,
+pub(crate) struct OtherState {
+    pub(crate) results: Arc<ResultTable>,
     /// Its confirmed winner, or the incumbent that it began with, where that is not the default.
-    pub(super) incumbent: Option<Configuration>,
+    pub(crate) incumbent: Option<Configuration>,
     /// Least number of measurements to count beside the incumbent; `None` where the confirmation has ended.
-    pub(super) measured_least: Option<u64>,
+    pub(crate) measured_least: Option<u64>,
 }
 
 impl OtherState {
     /// The answers of the state, none of which is the luck of one measurement.
-    pub(super) fn answers(&self) -> impl Iterator<Item = &Configuration> {
+    pub(crate) fn answers(&self) -> impl Iterator<Item = &Configuration> {
         let incumbent = self.incumbent.iter().filter(|incumbent| self.results.ran(incumbent).is_some());
         let least = self.measured_least.unwrap_or(u64::MAX);
         let often = self.results.ranked().filter(move |record| record.measurements >= least);
@@ -46,19 +44,19 @@ impl OtherState {
 
 /// The results of other states, the nearest first.
 #[derive(Clone, Debug)]
-pub(super) struct MeasuredElsewhere {
-    pub(super) states: Vec<OtherState>,
+pub(crate) struct MeasuredElsewhere {
+    pub(crate) states: Vec<OtherState>,
     /// The table of the state that asks, if it is there.
-    pub(super) here: Option<Arc<ResultTable>>,
+    pub(crate) here: Option<Arc<ResultTable>>,
 }
 
 impl MeasuredElsewhere {
-    pub(super) fn is_empty(&self) -> bool {
+    pub(crate) fn is_empty(&self) -> bool {
         self.states.is_empty()
     }
 
     /// Whether the nearest state in which a configuration was tried, the asking one first, could not run it.
-    pub(super) fn fails(&self, configuration: &Configuration) -> bool {
+    pub(crate) fn fails(&self, configuration: &Configuration) -> bool {
         let tables = self.here.iter().chain(self.states.iter().map(|other| &other.results));
         let tried = |results: &Arc<ResultTable>| results.record(configuration).map(Record::fails);
         tables.filter_map(tried).next().unwrap_or(false)
@@ -66,14 +64,14 @@ impl MeasuredElsewhere {
 
     /// The best fixed configuration of other states, an incumbent or a confirmed winner that is not known to
     /// fail in the asking state. `None` where none of these was measured.
-    pub(super) fn best(&self, space: &Space) -> Option<Configuration> {
+    pub(crate) fn best(&self, space: &Space) -> Option<Configuration> {
         let Choices { candidates, members, table } = Choices::of(space, self);
         let best = candidates[table.best_fixed(&members)?].clone();
         self.states.iter().any(|other| other.results.ran(&best).is_some()).then_some(best)
     }
 
     /// Configurations of other states, the most promising first. Empty where nothing was measured.
-    pub(super) fn members(&self, space: &Space) -> Vec<Configuration> {
+    pub(crate) fn members(&self, space: &Space) -> Vec<Configuration> {
         let Choices { candidates, members, table } = Choices::of(space, self);
         let mut branches = branches(space, &table, &candidates);
         // A branch whose best is proven dearer in further states is left to the search's own model.
@@ -100,7 +98,7 @@ impl Choices {
         assert!(candidates.len() <= PORTFOLIO_CANDIDATES_MAX, "{} candidates", candidates.len());
         let members = (0..answers).filter(|&place| !elsewhere.fails(&candidates[place])).collect();
         let row = |other: &OtherState| {
-            let noise = other.results.noise().unwrap_or(NOISE_PRIOR).max(NOISE_LEAST);
+            let noise = other.results.frame_noise();
             let reach = other.results.reach();
             candidates.iter().map(|candidate| known(&other.results, candidate, noise, reach)).collect()
         };

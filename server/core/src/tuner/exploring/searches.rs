@@ -10,22 +10,31 @@ use crate::results::ResultTable;
 use crate::search::{AnySearch, hears_others};
 use crate::space::Space;
 use crate::tuner::Exploration;
-use crate::tuner::confirmation::Stored;
-use crate::tuner::few::{self, FewConfigurations};
-use crate::tuner::states::place;
+use crate::tuner::exploring::few::{self, FewConfigurations};
+use crate::tuner::knowledge::{Stored, place};
 
 /// The search of each state, in the order of their ids.
 #[derive(Clone, Debug)]
-pub(super) struct Searches {
+pub(crate) struct Searches {
     of_states: Vec<StateSearch>,
     few: FewConfigurations,
 }
 
 /// See [`Searches::taken`].
-pub(super) fn taken(exploration: Option<&Exploration>, results: &ResultTable, replicates: u32) -> usize {
+pub(crate) fn taken(exploration: Option<&Exploration>, results: &ResultTable, replicates: u32) -> usize {
     let repeats = exploration.map_or(0, |own| own.repeats() as usize);
     let cheaper = exploration.map_or(0, |own| own.cheaper_trials as usize);
     (results.runs() / replicates.max(1) as usize).max(results.searched() + repeats) + cheaper
+}
+
+/// Whether a search with a budget of `room` trials has none left that adds a configuration.
+pub(crate) fn is_spent(
+    exploration: &Exploration,
+    results: &ResultTable,
+    policy: &Policy,
+    room: usize,
+) -> bool {
+    taken(Some(exploration), results, policy.replicates) + exploration.open.len() >= room
 }
 
 #[derive(Clone, Debug, Default)]
@@ -37,17 +46,17 @@ struct StateSearch {
 
 impl Searches {
     /// No searches yet, of configurations of a space.
-    pub(super) fn new(space: &Space) -> Self {
+    pub(crate) fn new(space: &Space) -> Self {
         Searches { of_states: Vec::new(), few: FewConfigurations::of(space) }
     }
 
     /// Every configuration that can be searched, where they are few.
-    pub(super) fn few(&self) -> &FewConfigurations {
+    pub(crate) fn few(&self) -> &FewConfigurations {
         &self.few
     }
 
     /// Whether nothing is left to be searched in a state, within a budget of `room` trials.
-    pub(super) fn are_spent(
+    pub(crate) fn are_spent(
         &self,
         state: StateId,
         results: &ResultTable,
@@ -60,36 +69,36 @@ impl Searches {
     }
 
     /// Notes a new state, with the search that was begun in it, if it was.
-    pub(super) fn found(&mut self, exploration: Option<Exploration>) {
+    pub(crate) fn found(&mut self, exploration: Option<Exploration>) {
         self.of_states.push(StateSearch { exploration, changes: 0 });
     }
 
     /// The search of a state, if one was begun. The search may be over.
-    pub(super) fn of(&self, state: StateId) -> Option<&Exploration> {
+    pub(crate) fn of(&self, state: StateId) -> Option<&Exploration> {
         self.record(state).filter(|exploration| exploration.is_begun())
     }
 
     /// The stored record of a state's search and lost leases, whether or not a search was begun.
-    pub(super) fn record(&self, state: StateId) -> Option<&Exploration> {
+    pub(crate) fn record(&self, state: StateId) -> Option<&Exploration> {
         self.of_states[place(state)].exploration.as_ref()
     }
 
-    pub(super) fn lost(&self, state: StateId, configuration: &Configuration) -> u32 {
+    pub(crate) fn lost(&self, state: StateId, configuration: &Configuration) -> u32 {
         self.record(state).map_or(0, |exploration| exploration.lost(configuration, false))
     }
 
     /// The number of lost leases of a client's start.
-    pub(super) fn lost_starts(&self, state: StateId, start: &Configuration) -> u32 {
+    pub(crate) fn lost_starts(&self, state: StateId, start: &Configuration) -> u32 {
         self.record(state).map_or(0, |exploration| exploration.lost(start, true))
     }
 
     /// Notes a lost lease of a configuration in a state, and returns their number.
-    pub(super) fn note_lost(&mut self, state: StateId, configuration: &Configuration) -> u32 {
+    pub(crate) fn note_lost(&mut self, state: StateId, configuration: &Configuration) -> u32 {
         self.count_lost(state, configuration, false)
     }
 
     /// Notes a lost lease of a client's start.
-    pub(super) fn note_lost_start(&mut self, state: StateId, start: &Configuration) {
+    pub(crate) fn note_lost_start(&mut self, state: StateId, start: &Configuration) {
         self.count_lost(state, start, true);
     }
 
@@ -100,7 +109,7 @@ impl Searches {
     }
 
     /// Forgets the lost leases of a configuration that has a result now.
-    pub(super) fn forgive(&mut self, state: StateId, configuration: &Configuration) {
+    pub(crate) fn forgive(&mut self, state: StateId, configuration: &Configuration) {
         if self.lost(state, configuration) + self.lost_starts(state, configuration) > 0 {
             let own = &mut self.of_states[place(state)];
             own.changes += 1;
@@ -109,7 +118,7 @@ impl Searches {
     }
 
     /// The begun search of a state, to be changed. Counts the change.
-    pub(super) fn change(&mut self, state: StateId) -> Option<&mut Exploration> {
+    pub(crate) fn change(&mut self, state: StateId) -> Option<&mut Exploration> {
         let StateSearch { exploration, changes } = &mut self.of_states[place(state)];
         let begun = exploration.as_mut().filter(|exploration| exploration.is_begun());
         *changes += u64::from(begun.is_some());
@@ -118,7 +127,7 @@ impl Searches {
 
     /// Begins a search in a state. An earlier search is dropped, and its confirmed winner stays. Without one,
     /// `incumbent` takes its place: the configuration that other states expect to be best.
-    pub(super) fn begin(&mut self, state: StateId, search: AnySearch, incumbent: Option<Configuration>) {
+    pub(crate) fn begin(&mut self, state: StateId, search: AnySearch, incumbent: Option<Configuration>) {
         let own = &mut self.of_states[place(state)];
         let exploration = own.exploration.get_or_insert_with(Exploration::unbegun);
         exploration.restart(search);
@@ -129,7 +138,7 @@ impl Searches {
 
     /// Drops the search of a state with its confirmed winner, so that another one begins from nothing. Lost
     /// leases are remembered.
-    pub(super) fn begin_again(&mut self, state: StateId) {
+    pub(crate) fn begin_again(&mut self, state: StateId) {
         let own = &mut self.of_states[place(state)];
         own.changes += 1;
         own.exploration.iter_mut().for_each(Exploration::forget_search);
@@ -140,16 +149,16 @@ impl Searches {
     /// it, with any configuration. Where the policy wants replicates, those of one configuration count as
     /// one. Trials at cheaper levels count as the share of a full one that they cost. Of states that an
     /// earlier version searched, only trials of new configurations and the search's own repeats are known.
-    pub(super) fn taken(&self, state: StateId, results: &ResultTable, policy: &Policy) -> usize {
+    pub(crate) fn taken(&self, state: StateId, results: &ResultTable, policy: &Policy) -> usize {
         taken(self.of(state), results, policy.replicates)
     }
 
-    pub(super) fn changes(&self, state: StateId) -> u64 {
+    pub(crate) fn changes(&self, state: StateId) -> u64 {
         self.of_states[place(state)].changes
     }
 
     /// Every search that was begun.
-    pub(super) fn all_mut(&mut self) -> impl Iterator<Item = &mut Exploration> {
+    pub(crate) fn all_mut(&mut self) -> impl Iterator<Item = &mut Exploration> {
         self.of_states.iter_mut().filter_map(|own| own.exploration.as_mut())
     }
 }

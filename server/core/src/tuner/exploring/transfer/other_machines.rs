@@ -18,10 +18,9 @@ use crate::ids::StateId;
 use crate::limits::{NEIGHBOURS_MAX, REWARD_COST_MIN};
 use crate::results::Record;
 use crate::trial::Neighbour;
-use crate::tuner::gain::{NOISE_LEAST, NOISE_PRIOR};
+use crate::tuner::exploring::transfer::Transfer;
+use crate::tuner::knowledge::States;
 use crate::tuner::proposal::{Exploitation, ProposedTrial};
-use crate::tuner::states::States;
-use crate::tuner::transfer::Transfer;
 
 /// The assumed difference of an unmeasured configuration's cost from the default's, as a logarithm.
 const SPREAD: f64 = 0.3;
@@ -88,7 +87,7 @@ fn log(cost: f64) -> f64 {
 
 /// The variance of a measurement in a state, relative to its cost.
 fn noise_2(states: &States, state: StateId) -> f64 {
-    let noise = states.results(state).noise().unwrap_or(NOISE_PRIOR).max(NOISE_LEAST);
+    let noise = states.results(state).frame_noise();
     assert!(noise > 0.0, "a noise of {noise}");
     noise * noise
 }
@@ -230,7 +229,7 @@ impl<'a> OtherMachines<'a> {
 impl Transfer<'_> {
     /// The best configuration of other machines in this state, as long as that counts for more than the
     /// machine's own measurements.
-    pub(in crate::tuner) fn best_by_machines(&self, state: StateId) -> Option<Exploitation> {
+    pub(crate) fn best_by_machines(&self, state: StateId) -> Option<Exploitation> {
         let peers = OtherMachines::of(self.states, self.spec.space.default_ref(), state);
         if peers.is_empty() {
             return None;
@@ -246,7 +245,7 @@ impl Transfer<'_> {
 
     /// The best configuration of other machines that this one has not measured yet, where its estimate beats
     /// this one's best. The default comes first, because machines are compared by it.
-    pub(in crate::tuner) fn untried_by_machines(&self, state: StateId) -> Option<ProposedTrial> {
+    pub(crate) fn untried_by_machines(&self, state: StateId) -> Option<ProposedTrial> {
         let results = self.states.results(state);
         let policy = &self.spec.policy;
         let is_finished = self.searches.are_spent(state, results, policy, policy.trials_per_state as usize);
@@ -298,7 +297,7 @@ fn by_machines(peers: &OtherMachines<'_>, estimate: &PooledEstimate) -> ByMachin
 }
 
 /// Compares a measured cost with the prediction of other machines' measurements, before it is learnt.
-pub(in crate::tuner) fn compare(
+pub(crate) fn compare(
     states: &mut States,
     default: &Configuration,
     state: StateId,

@@ -7,13 +7,17 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use crate::decision::ExploitRule;
+use crate::decision::{BudgetStatus, Choice, Exploit, ExploitRule, ExploitSource, Explore};
 use crate::ids::{StateId, TrialNumber};
-use crate::policy::Policy;
+use crate::policy::{Operation, Policy};
+use crate::session::SessionPolicy;
+use crate::study::StudySpec;
+use crate::trial::Trial;
+use crate::tuner::budget::Terms;
 use crate::tuner::{Account, Ask, Visit, VisitDecision};
 
 #[derive(Clone, Debug, Default)]
-pub(super) struct Visits {
+pub(crate) struct Visits {
     by_client: BTreeMap<String, Visit>,
     ages: Ages,
     /// The clients that hold open trials, some of them without a visit.
@@ -59,7 +63,7 @@ impl Visits {
     }
 
     /// Notes whether a client holds open trials. It is not forgotten then.
-    pub(super) fn note_held(&mut self, client_id: &str, holds: bool) {
+    pub(crate) fn note_held(&mut self, client_id: &str, holds: bool) {
         let is_new = holds && self.holders.insert(client_id.to_owned());
         let is_over = !holds && self.holders.remove(client_id);
         if let Some(visit) = self.by_client.get(client_id).filter(|_| is_new || is_over) {
@@ -70,35 +74,50 @@ impl Visits {
     }
 
     /// The number of clients that the study remembers.
-    pub(super) fn len(&self) -> usize {
+    pub(crate) fn len(&self) -> usize {
         self.by_client.len()
     }
 
-    pub(super) fn of(&self, client_id: &str) -> Option<&Visit> {
+    pub(crate) fn of(&self, client_id: &str) -> Option<&Visit> {
         self.by_client.get(client_id)
     }
 
-    pub(super) fn state_of(&self, client_id: &str) -> Option<StateId> {
+    pub(crate) fn state_of(&self, client_id: &str) -> Option<StateId> {
         self.of(client_id).map(|visit| StateId(visit.state_id))
     }
 
     /// The account of a client's exploring, where the policy limits it.
-    pub(super) fn account(&self, client_id: &str) -> Option<&Account> {
+    pub(crate) fn account(&self, client_id: &str) -> Option<&Account> {
         self.of(client_id)?.account.as_ref()
     }
 
-    pub(super) fn account_mut(&mut self, client_id: &str) -> Option<&mut Account> {
+    pub(crate) fn account_mut(&mut self, client_id: &str) -> Option<&mut Account> {
         self.by_client.get_mut(client_id)?.account.as_mut()
     }
 
+    /// Whether a client's budget, if it has one, allows for exploring, where the default runs or where not.
+    pub(crate) fn affords(&self, policy: &Policy, ask: &Ask, default_runs: bool) -> bool {
+        let account = Terms::of(policy).zip(self.account(&ask.client_id));
+        account.is_none_or(|(terms, account)| account.leave(terms, ask.can_abort, default_runs).is_ok())
+    }
+
+    /// Enters a completed trial into its client's account; the row of the visit, if there is one.
+    pub(crate) fn settle(&mut self, spec: &StudySpec, trial: &Trial) -> Option<Visit> {
+        let is_default = trial.configuration == *spec.space.default_ref() || runs_as_default(trial);
+        let most = most_charged(&spec.policy, trial);
+        let account = self.account_mut(&trial.client_id)?;
+        account.report(trial.number, trial.state_id, trial.cost.map(|cost| cost.min(most)), is_default);
+        self.of(&trial.client_id).cloned()
+    }
+
     /// For how many trials the client that came to a state last wants it to be searched, if it says so.
-    pub(super) fn room(&self, state: StateId) -> Option<usize> {
+    pub(crate) fn room(&self, state: StateId) -> Option<usize> {
         let last = self.of(self.ages.latest(state.0)?)?;
         last.account.as_ref()?.policy.trials_per_state.map(|room| room as usize)
     }
 
     /// Begins a visit, which takes over the client's account.
-    pub(super) fn begin(&mut self, visit: Visit) {
+    pub(crate) fn begin(&mut self, visit: Visit) {
         let account = self.account(&visit.client_id).cloned().or_else(|| visit.account.clone());
         if let Some(before) = self.by_client.remove(&visit.client_id) {
             self.ages.remove(&before);
@@ -109,7 +128,7 @@ impl Visits {
     }
 
     /// Forgets the client whose last decision is longest ago, of those that hold no open trial.
-    pub(super) fn forget_oldest(&mut self) -> Option<String> {
+    pub(crate) fn forget_oldest(&mut self) -> Option<String> {
         let (_, oldest) = self.ages.idle.first()?;
         let visit = self.by_client.remove(oldest);
         assert!(visit.is_some(), "every age is that of a visit");
@@ -123,7 +142,7 @@ impl Visits {
     /// exploit is decided again at their next questions, and the references of their accounts are measured
     /// again. Returns the clients that are forgotten for that, and the changed visits of those that keep an
     /// account.
-    pub(super) fn disown(&mut self, state: StateId) -> (Vec<String>, Vec<Visit>) {
+    pub(crate) fn disown(&mut self, state: StateId) -> (Vec<String>, Vec<Visit>) {
         let (mut forgotten, mut changed) = (Vec::new(), Vec::new());
         for visit in self.by_client.values_mut().filter(|visit| visit.state_id == state.0) {
             if let Some(account) = &mut visit.account {
@@ -145,9 +164,23 @@ impl Visits {
         (forgotten.into_iter().map(|visit| visit.client_id).collect(), changed)
     }
 
+    /// Whether the last decision for a client was taken under another session policy.
+    pub(crate) fn has_other_wishes(&self, client_id: &str, session: &SessionPolicy) -> bool {
+        self.account(client_id).map_or(SessionPolicy::default(), |account| account.policy) != *session
+    }
+
+    /// Counts the next trial in its session, and returns whether it is excluded from learning. A trial
+    /// carried over from elsewhere is not run, so it warms nothing up.
+    pub(crate) fn is_silent(&mut self, ask: &Ask, policy: &Policy) -> bool {
+        let warm_up = u64::from(policy.warm_up);
+        let frozen = policy.operation == Operation::Freeze;
+        let before = self.account_mut(&ask.client_id).map(|account| account.count());
+        frozen || (ask.origin.is_none() && before.is_some_and(|before| before < warm_up))
+    }
+
     /// Opens a client's account if the policy keeps one or its session has its own policy, and notes the
     /// client's state. Trials after `last` are of the session that the account is for.
-    pub(super) fn keep_account(&mut self, ask: &Ask, policy: &Policy, state: StateId, last: TrialNumber) {
+    pub(crate) fn keep_account(&mut self, ask: &Ask, policy: &Policy, state: StateId, last: TrialNumber) {
         let has_wishes = !ask.session_policy.is_empty();
         let wanted = policy.regret_budget.is_some() || policy.warm_up > 0 || has_wishes;
         let Some(visit) = self.by_client.get_mut(&ask.client_id) else { return };
@@ -165,13 +198,32 @@ impl Visits {
     }
 }
 
+/// Whether a trial runs its client's start as others run the default: it is a reference for a budget.
+fn runs_as_default(trial: &Trial) -> bool {
+    let is_reference =
+        |one: &Exploit| one.source == ExploitSource::Default && one.rule == ExploitRule::Budget;
+    trial.decision.measures_start()
+        || matches!(&trial.decision.choice, Choice::Exploit(exploit) if is_reference(exploit))
+}
+
+/// The most that a trial is charged: the assumed worst for an incumbent, which is not stopped.
+fn most_charged(policy: &Policy, trial: &Trial) -> f64 {
+    let reference = match &trial.decision.choice {
+        Choice::Explore(Explore {
+            budget: BudgetStatus { set_aside: Some(_), reference_cost, .. }, ..
+        }) if !trial.decision.explores() => *reference_cost,
+        _ => None,
+    };
+    let terms = Terms::of(policy);
+    terms.zip(reference).map_or(f64::INFINITY, |(terms, reference)| terms.worst(reference))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::decision::{ExploitSource, ExplorationEstimate, ExploreRule};
-    use crate::session::SessionPolicy;
+    use crate::decision::{ExplorationEstimate, ExploreRule};
     use crate::space::Space;
-    use crate::tuner::budget::{Denied, Terms};
+    use crate::tuner::budget::Denied;
     use crate::tuner::proposal::Exploitation;
 
     /// A visit that explores.

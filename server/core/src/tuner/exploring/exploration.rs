@@ -10,14 +10,15 @@ use crate::limits::LOST_CONFIGURATIONS_MAX;
 use crate::packed::{PackedError, pack, unpack};
 use crate::search::{AnySearch, Feedback, Verdict};
 use crate::space::Space;
-use crate::tuner::confirmation::{Confirming, Stored};
+use crate::tuner::exploring::race::Confirming;
+use crate::tuner::knowledge::Stored;
 
 /// The search of one state and its points in flight. Once its budget is spent the search itself is dropped,
 /// because the state's table holds its results. Opaque, exact through serde.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Exploration {
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub(super) search: Option<AnySearch>,
+    pub(crate) search: Option<AnySearch>,
     /// The number of a dropped search's answers that added no configuration.
     #[serde(default, skip_serializing_if = "is_default")]
     repeats: u64,
@@ -25,20 +26,20 @@ pub struct Exploration {
     #[serde(default, skip_serializing_if = "is_default")]
     room: u32,
     /// The point of the search that each open trial measures, by trial number.
-    pub(super) open: BTreeMap<u64, u64>,
+    pub(crate) open: BTreeMap<u64, u64>,
     /// The race of the best few against the incumbent, once the search is over.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub(super) confirming: Option<Confirming>,
+    pub(crate) confirming: Option<Confirming>,
     /// The incumbent where that is not the default configuration: proven better here, or expected to be by
     /// other states.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub(super) confirmed: Option<Stored>,
+    pub(crate) confirmed: Option<Stored>,
     /// Leases that were lost in the state, of configurations that were never measured there; the latest last.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     lost: Vec<LostLeases>,
     /// The cost of all trials at cheaper levels, in full trials.
     #[serde(default, skip_serializing_if = "is_default")]
-    pub(super) cheaper_trials: f64,
+    pub(crate) cheaper_trials: f64,
     /// No search was begun yet.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     is_unbegun: bool,
@@ -60,14 +61,14 @@ impl LostLeases {
 }
 
 impl Exploration {
-    pub(super) fn new(search: AnySearch) -> Self {
+    pub(crate) fn new(search: AnySearch) -> Self {
         let begun = Exploration { search: Some(search), is_unbegun: false, ..Exploration::unbegun() };
         assert!(begun.is_begun() && begun.open.is_empty(), "a search that has just begun");
         begun
     }
 
     /// Of a state in which no search was begun.
-    pub(super) fn unbegun() -> Self {
+    pub(crate) fn unbegun() -> Self {
         Exploration {
             search: None,
             repeats: 0,
@@ -82,26 +83,26 @@ impl Exploration {
     }
 
     /// Whether a search was begun; it may be over.
-    pub(super) fn is_begun(&self) -> bool {
+    pub(crate) fn is_begun(&self) -> bool {
         !self.is_unbegun
     }
 
     /// Replaces the search by a new one. Lost leases and the cost of trials at cheaper levels are remembered.
-    pub(super) fn restart(&mut self, search: AnySearch) {
+    pub(crate) fn restart(&mut self, search: AnySearch) {
         let (lost, cheaper_trials) = (std::mem::take(&mut self.lost), self.cheaper_trials);
         let (confirming, confirmed) = (self.confirming.take(), self.confirmed.take());
         *self = Exploration { lost, cheaper_trials, confirming, confirmed, ..Exploration::new(search) };
     }
 
     /// Forgets the search and its confirmed winner. Lost leases are remembered.
-    pub(super) fn forget_search(&mut self) {
+    pub(crate) fn forget_search(&mut self) {
         *self = Exploration { lost: std::mem::take(&mut self.lost), ..Exploration::unbegun() };
         assert!(!self.is_begun() && self.confirmed.is_none(), "nothing is left of the search");
     }
 
     /// Drops the search, and where results of its own state are `disowned` also the race, its winner and the
     /// cost of trials at cheaper levels. Another search begins with the rest of the table.
-    pub(super) fn disbelieve(&mut self, disowned: bool) {
+    pub(crate) fn disbelieve(&mut self, disowned: bool) {
         self.end();
         if disowned {
             (self.confirming, self.confirmed, self.cheaper_trials) = (None, None, 0.0);
@@ -109,13 +110,13 @@ impl Exploration {
     }
 
     /// The number of lost leases of a configuration, as a client's start or as any other.
-    pub(super) fn lost(&self, configuration: &Configuration, is_start: bool) -> u32 {
+    pub(crate) fn lost(&self, configuration: &Configuration, is_start: bool) -> u32 {
         let lost = self.lost.iter().find(|lost| lost.are_of(configuration, is_start));
         lost.map_or(0, |lost| lost.count)
     }
 
     /// Notes a lost lease of a configuration, and returns their number.
-    pub(super) fn note_lost(&mut self, configuration: &Configuration, is_start: bool) -> u32 {
+    pub(crate) fn note_lost(&mut self, configuration: &Configuration, is_start: bool) -> u32 {
         let count = self.lost(configuration, is_start) + 1;
         self.lost.retain(|lost| !lost.are_of(configuration, is_start));
         if self.lost.len() >= LOST_CONFIGURATIONS_MAX {
@@ -127,28 +128,28 @@ impl Exploration {
     }
 
     /// Forgets the lost leases of a configuration that has a result now.
-    pub(super) fn forgive(&mut self, configuration: &Configuration) {
+    pub(crate) fn forgive(&mut self, configuration: &Configuration) {
         self.lost.retain(|lost| lost.configuration != *configuration.values());
         assert_eq!(self.lost(configuration, false), 0, "the leases are forgotten");
     }
 
     /// Notes that a session wants the search to go on for `room` runs.
-    pub(super) fn make_room(&mut self, room: usize) {
+    pub(crate) fn make_room(&mut self, room: usize) {
         self.room = self.room.max(u32::try_from(room).unwrap_or(u32::MAX));
     }
 
     /// The largest number of runs that a session wanted.
-    pub(super) fn room(&self) -> usize {
+    pub(crate) fn room(&self) -> usize {
         self.room as usize
     }
 
     /// The number of answers that added no configuration.
-    pub(super) fn repeats(&self) -> u64 {
+    pub(crate) fn repeats(&self) -> u64 {
         self.search.as_ref().map_or(self.repeats, |search| search.repeats())
     }
 
     /// Drops the search.
-    pub(super) fn end(&mut self) {
+    pub(crate) fn end(&mut self) {
         let repeats = self.repeats();
         self.repeats = repeats;
         self.search = None;
@@ -156,13 +157,13 @@ impl Exploration {
     }
 
     /// Whether the configurations that it names are of the space.
-    pub(super) fn fits(&self, space: &Space) -> bool {
+    pub(crate) fn fits(&self, space: &Space) -> bool {
         self.confirming.as_ref().is_none_or(|race| race.fits(space))
             && self.confirmed.as_ref().is_none_or(|confirmed| space.owns(&confirmed.0))
     }
 
     /// Whether a trial runs a contender of the race.
-    pub(super) fn confirms(&self, trial: u64) -> bool {
+    pub(crate) fn confirms(&self, trial: u64) -> bool {
         self.confirming.as_ref().is_some_and(|race| race.runs(trial))
     }
 
@@ -178,7 +179,7 @@ impl Exploration {
 
     /// Ends the hold of a trial at a cheaper level, which cost `share` of a full one, on its point. Without a
     /// verdict it failed.
-    pub(super) fn release_cheaper(&mut self, trial: u64, share: f64, verdict: Option<Verdict>) {
+    pub(crate) fn release_cheaper(&mut self, trial: u64, share: f64, verdict: Option<Verdict>) {
         assert!(share > 0.0 && share < 1.0, "a level that costs {share} of a full trial");
         self.cheaper_trials += share;
         if let (Some(point), Some(search)) = (self.open.remove(&trial), &mut self.search) {
@@ -188,7 +189,7 @@ impl Exploration {
 
     /// Ends the trial's hold on its point: the point is answered, or without feedback goes back and is
     /// asked again. `false` when the trial carried no point.
-    pub(super) fn release(&mut self, trial: u64, feedback: Option<Feedback>) -> bool {
+    pub(crate) fn release(&mut self, trial: u64, feedback: Option<Feedback>) -> bool {
         if let Some(race) = &mut self.confirming {
             race.release(trial, None);
         }

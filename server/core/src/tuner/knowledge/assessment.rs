@@ -4,7 +4,7 @@
 //! [posterior](crate::statistics::estimate). It is the configuration with the least expected cost among those
 //! whose expected gain over the state's incumbent is much larger than the expected loss ([`WORTH`]). Where
 //! there is none, the answer is the incumbent: the best of other states or the study's default configuration,
-//! until a [confirmation](super::confirmation) replaces it.
+//! until a [confirmation](crate::tuner::exploring::confirmation) replaces it.
 //!
 //! An assessment takes milliseconds, up to some 25 in a state of many configurations. It is made apart from
 //! the tuner, from a copy of the state's table, and kept until the table changes. A caller that cannot wait
@@ -17,8 +17,11 @@ use crate::configuration::Configuration;
 use crate::gp::kernel::squared_distance;
 use crate::ids::StateId;
 use crate::limits::{ASSESSED_MAX, ASSESSED_SHARED_MAX, ASSESSMENTS_MAX};
+use crate::predict::WORTH;
 use crate::results::{Record, ResultTable};
-use crate::robust::{Evidence, REACH_AFTER, USUAL_COUNT, deviation, draw_in, median, reach_of, trusted};
+use crate::robust::{
+    Evidence, REACH_AFTER, SPREAD_LEAST, USUAL_COUNT, deviation, draw_in, median, reach_of, trusted,
+};
 use crate::search::Layout;
 use crate::space::Space;
 use crate::standing::Gain;
@@ -29,12 +32,8 @@ use crate::study::StudySpec;
 /// If the rounds of a confirmation leave a race open, a challenger wins that is better with this probability
 /// by all measurements.
 const PROBABLE: f64 = 0.95;
-/// Least ratio of an answer's expected gain over the incumbent to its expected loss.
-const WORTH: f64 = 20.0;
 /// Number of configurations with the lowest expected costs that are compared more closely.
 const LEADERS: usize = 8;
-/// The least standard deviation that is assumed for the logarithms of measurements.
-const SPREAD_LEAST: f64 = 0.005;
 /// Most degrees of freedom with which one configuration contributes to the usual noise.
 const FREEDOM_COUNTED: f64 = 3.0;
 /// Costs of zero have no logarithm: they count as this share of the least that is above zero.
@@ -43,15 +42,15 @@ const SHARE_LEAST: f64 = 1e-12;
 /// A copy of the inputs of a state's assessment.
 #[derive(Clone, Debug)]
 pub struct AssessmentRequest {
-    pub(super) state: StateId,
-    pub(super) spec: Arc<StudySpec>,
-    pub(super) results: Arc<ResultTable>,
+    pub(crate) state: StateId,
+    pub(crate) spec: Arc<StudySpec>,
+    pub(crate) results: Arc<ResultTable>,
     /// The incumbent where that is not the default.
-    pub(super) confirmed: Option<Configuration>,
+    pub(crate) confirmed: Option<Configuration>,
     /// The verdict stands: the incumbent is the answer.
-    pub(super) is_settled: bool,
+    pub(crate) is_settled: bool,
     /// A client's start, which takes the place of the default and of the incumbent.
-    pub(super) start: Option<Configuration>,
+    pub(crate) start: Option<Configuration>,
 }
 
 /// The assessment of a state's configurations.
@@ -62,32 +61,32 @@ pub struct Assessment {
     confirmed: Option<Configuration>,
     is_settled: bool,
     /// The start in the place of the default; `None` for the default itself.
-    pub(super) start: Option<Configuration>,
+    pub(crate) start: Option<Configuration>,
     /// The configuration to exploit.
-    pub(super) answer: Configuration,
+    pub(crate) answer: Configuration,
     /// The configuration with the least expected cost among those that are better than the incumbent with a
     /// probability of at least [`PROBABLE`].
-    pub(super) probable: Option<Configuration>,
+    pub(crate) probable: Option<Configuration>,
     /// The answer's cost, with the ends of its 95 % interval.
-    pub(super) cost: f64,
-    pub(super) cost_low: f64,
-    pub(super) cost_high: f64,
+    pub(crate) cost: f64,
+    pub(crate) cost_low: f64,
+    pub(crate) cost_high: f64,
     /// The answer's gain over the default; `None` where the default was not measured.
-    pub(super) gain: Option<Gain>,
+    pub(crate) gain: Option<Gain>,
     /// The answer is the default, because no configuration is proven to be better.
-    pub(super) nothing_better: bool,
-    pub(super) is_incumbent: bool,
+    pub(crate) nothing_better: bool,
+    pub(crate) is_incumbent: bool,
     /// The most that any other configuration may gain over the answer.
-    pub(super) gain_at_most: f64,
+    pub(crate) gain_at_most: f64,
     /// The configurations that may be better than the incumbent, the best first.
-    pub(super) challengers: Vec<Configuration>,
+    pub(crate) challengers: Vec<Configuration>,
     /// The standard deviation of the logarithm of one measurement.
-    pub(super) noise: f64,
+    pub(crate) noise: f64,
 }
 
 impl Assessment {
     /// Whether it was made beside this incumbent; `None` for the default.
-    pub(super) fn is_beside(&self, confirmed: Option<&Configuration>) -> bool {
+    pub(crate) fn is_beside(&self, confirmed: Option<&Configuration>) -> bool {
         self.confirmed.as_ref() == confirmed
     }
 }
@@ -99,12 +98,12 @@ impl AssessmentRequest {
     }
 
     /// Whether the assessment takes only microseconds.
-    pub(super) fn is_quick(&self) -> bool {
+    pub(crate) fn is_quick(&self) -> bool {
         self.results.ranked().len() <= ASSESSED_SHARED_MAX
     }
 
     /// Whether an assessment was made from these inputs.
-    pub(super) fn is_answered_by(&self, assessment: &Assessment) -> bool {
+    pub(crate) fn is_answered_by(&self, assessment: &Assessment) -> bool {
         assessment.version == self.results.version()
             && assessment.confirmed == self.confirmed
             && assessment.is_settled == self.is_settled
@@ -204,7 +203,7 @@ fn posterior(
 /// and above the records at `compared` is drawn in, because its exact cost does not matter. A single
 /// measurement far below is drawn in likewise. Beside the `noise` of the state, a standard deviation, those
 /// with large standard errors count for less.
-pub(super) fn samples(
+pub(crate) fn samples(
     records: &[&Record],
     layout: &Layout,
     space: &Space,
@@ -295,19 +294,19 @@ fn sample(
 /// The last assessments of the states that were assessed last, each beside the default or a start. Each can
 /// be computed again.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Assessments {
+pub(crate) struct Assessments {
     made: BTreeMap<(StateId, Option<Configuration>), (u64, Arc<Assessment>)>,
     clock: u64,
 }
 
 impl Assessments {
     /// The last assessment of a state, beside the default or a start, which may be out of date.
-    pub(super) fn of(&self, state: StateId, start: Option<&Configuration>) -> Option<&Arc<Assessment>> {
+    pub(crate) fn of(&self, state: StateId, start: Option<&Configuration>) -> Option<&Arc<Assessment>> {
         self.made.get(&(state, start.cloned())).map(|(_, assessment)| assessment)
     }
 
     /// Keeps an assessment, and forgets the oldest of too many.
-    pub(super) fn keep(&mut self, state: StateId, assessment: Arc<Assessment>) {
+    pub(crate) fn keep(&mut self, state: StateId, assessment: Arc<Assessment>) {
         self.clock += 1;
         self.made.insert((state, assessment.start.clone()), (self.clock, assessment));
         if self.made.len() > ASSESSMENTS_MAX {

@@ -15,9 +15,11 @@ use serde::{Deserialize, Serialize};
 use crate::configuration::Configuration;
 use crate::ids::StateId;
 use crate::limits::{SPEEDS_MAX, UNHELD_MAX};
-use crate::results::{NOISE_PRIOR, ResultTable};
+use crate::policy::Policy;
+use crate::results::ResultTable;
+use crate::robust::NOISE_PRIOR;
 use crate::statistics::drift::{ShiftSums, Speed};
-use crate::tuner::confirmation::Stored;
+use crate::tuner::knowledge::Stored;
 
 /// Number of measurements that make the cost of a configuration known. One suffices for the default, with
 /// which every search begins.
@@ -37,10 +39,10 @@ const FACTOR_LEAST: f64 = 2.0;
 
 /// A trial that was learnt since the speed was last held.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub(super) struct Unheld {
-    pub(super) trial: u64,
-    pub(super) configuration: Stored,
-    pub(super) cost: f64,
+pub(crate) struct Unheld {
+    pub(crate) trial: u64,
+    pub(crate) configuration: Stored,
+    pub(crate) cost: f64,
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -86,26 +88,26 @@ impl Default for Client {
 
 /// The machines of all clients.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub(super) struct Speeds {
+pub(crate) struct Speeds {
     clients: BTreeMap<String, Client>,
     clock: u64,
 }
 
 /// The result of a measurement.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Held {
+pub(crate) struct Held {
     /// The factor by which costs are to be divided.
-    pub(super) factor: f64,
+    pub(crate) factor: f64,
     /// Trials to be taken back, where the speed has jumped.
-    pub(super) jumped: Option<Vec<Unheld>>,
+    pub(crate) jumped: Option<Vec<Unheld>>,
     /// A known cost has shifted by less than a jump.
-    pub(super) is_shifted: bool,
+    pub(crate) is_shifted: bool,
 }
 
 impl Speeds {
     /// Takes a cost that a client measured in a state, before the state's table learns it. A cost that is not
     /// understood yet does not hold the speed; its trial is only counted.
-    pub(super) fn take(
+    pub(crate) fn take(
         &mut self,
         (client_id, trial, state): (&str, u64, StateId),
         configuration: &Configuration,
@@ -187,7 +189,7 @@ impl Speeds {
     /// where `hurried`, and where the machine's speed wanders. While `hurried`, costs do not hold the speed,
     /// so a suspicion from another state waits: the regression on auxiliary measurements needs other
     /// configurations than the incumbent first.
-    pub(super) fn is_due(&self, client_id: &str, state: StateId, hurried: bool, wanders: bool) -> bool {
+    pub(crate) fn is_due(&self, client_id: &str, state: StateId, hurried: bool, wanders: bool) -> bool {
         let Some(client) = self.clients.get(client_id).filter(|client| client.state == state.0) else {
             return false;
         };
@@ -201,13 +203,18 @@ impl Speeds {
         is_unsettled && !hurried || client.since >= interval
     }
 
+    /// The factor on all costs of a client at the moment, where the policy follows the speed of machines.
+    pub(crate) fn pace_of(&self, policy: &Policy, client_id: &str) -> f64 {
+        if policy.track_speed { self.factor(client_id) } else { 1.0 }
+    }
+
     /// The factor on a client's costs at the moment.
-    pub(super) fn factor(&self, client_id: &str) -> f64 {
+    pub(crate) fn factor(&self, client_id: &str) -> f64 {
         self.clients.get(client_id).map_or(1.0, |client| client.factor)
     }
 
     /// Resets all clients of a state, whose costs are understood differently from now on.
-    pub(super) fn reset(&mut self, state: StateId) {
+    pub(crate) fn reset(&mut self, state: StateId) {
         for client in self.clients.values_mut().filter(|client| client.state == state.0) {
             *client = Client { state: client.state, latest: client.latest, ..Client::default() };
         }
@@ -225,7 +232,7 @@ impl Speeds {
     }
 
     /// Whether the configurations that it names are of the space.
-    pub(super) fn fits(&self, space: &crate::space::Space) -> bool {
+    pub(crate) fn fits(&self, space: &crate::space::Space) -> bool {
         let mut unheld = self.clients.values().flat_map(|client| &client.unheld);
         unheld.all(|one| space.owns(&one.configuration.0))
     }

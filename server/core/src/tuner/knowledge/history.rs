@@ -10,7 +10,7 @@ use crate::configuration::RawConfiguration;
 use crate::ids::StateId;
 use crate::limits::{CLIENTS_MAX, GAIN_STATES_MAX};
 use crate::statistics::exploration_value::{Gains, OCTAVES};
-use crate::tuner::states::place;
+use crate::tuner::knowledge::states::place;
 
 /// Prior of an exploring trial's cost above the best known configuration, as a share.
 const EXCESS_PRIOR: f64 = 0.5;
@@ -34,7 +34,7 @@ struct StateHistory {
 }
 
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub(super) struct History {
+pub(crate) struct History {
     /// Shared with checkpoints that are being saved.
     states: Vec<Arc<StateHistory>>,
     /// The state of each client's last report, and the number of its reports there in a row. When half of the
@@ -50,17 +50,17 @@ pub(super) struct History {
 
 impl History {
     /// A new state.
-    pub(super) fn found(&mut self) {
+    pub(crate) fn found(&mut self) {
         self.states.push(Arc::default());
     }
 
     /// The number of states.
-    pub(super) fn len(&self) -> usize {
+    pub(crate) fn len(&self) -> usize {
         self.states.len()
     }
 
     /// Counts a frame that a client reported from a state.
-    pub(super) fn frame(&mut self, client_id: &str, state: StateId) {
+    pub(crate) fn frame(&mut self, client_id: &str, state: StateId) {
         let state = place(state);
         if !self.clients.contains_key(client_id) {
             if self.clients.len() >= CLIENTS_MAX / 2 {
@@ -93,7 +93,7 @@ impl History {
 
     /// Whether an octave of a state's search has ended without being noted, after `tried` tried
     /// configurations.
-    pub(super) fn octave_is_over(&self, state: StateId, tried: usize) -> bool {
+    pub(crate) fn octave_is_over(&self, state: StateId, tried: usize) -> bool {
         let history = &self.states[place(state)];
         match &history.best {
             None => tried >= 1,
@@ -102,13 +102,13 @@ impl History {
     }
 
     /// The best configuration at the end of the last octave of a state's search.
-    pub(super) fn best_then(&self, state: StateId) -> Option<&RawConfiguration> {
+    pub(crate) fn best_then(&self, state: StateId) -> Option<&RawConfiguration> {
         self.states[place(state)].best.as_ref()
     }
 
     /// Notes the end of an octave: the best configuration now, and the share by which it costs less than the
     /// best before.
-    pub(super) fn octave_ends(&mut self, state: StateId, best: RawConfiguration, gain: f64) {
+    pub(crate) fn octave_ends(&mut self, state: StateId, best: RawConfiguration, gain: f64) {
         let history = Arc::make_mut(&mut self.states[place(state)]);
         if history.best.is_some() {
             assert!(!gain.is_nan() && history.gained.len() < OCTAVES, "{gain} after {:?}", history.gained);
@@ -118,12 +118,12 @@ impl History {
     }
 
     /// The gain of each octave of a state's search.
-    pub(super) fn gained(&self, state: StateId) -> &[f64] {
+    pub(crate) fn gained(&self, state: StateId) -> &[f64] {
         &self.states[place(state)].gained
     }
 
     /// Forgets the progress of a state's search, because its costs have changed. Its visits still count.
-    pub(super) fn begin_again(&mut self, state: StateId) {
+    pub(crate) fn begin_again(&mut self, state: StateId) {
         let history = Arc::make_mut(&mut self.states[place(state)]);
         (history.gained, history.best) = (Vec::new(), None);
         assert!(self.octave_is_over(state, 1), "nothing was noted");
@@ -131,21 +131,21 @@ impl History {
 
     /// Notes the excess cost of an exploring trial, as a share of the best known cost; `None` when it cannot
     /// be run.
-    pub(super) fn explored(&mut self, excess: Option<f64>) {
+    pub(crate) fn explored(&mut self, excess: Option<f64>) {
         self.excess += excess.unwrap_or(EXCESS_INFEASIBLE).clamp(0.0, EXCESS_MAX);
         self.explored += 1;
     }
 
-    pub(super) fn visits(&self, state: StateId) -> u64 {
+    pub(crate) fn visits(&self, state: StateId) -> u64 {
         self.states[place(state)].visits
     }
 
-    pub(super) fn frames(&self, state: StateId) -> u64 {
+    pub(crate) fn frames(&self, state: StateId) -> u64 {
         self.states[place(state)].frames
     }
 
     /// For how many frames in a row a client has reported from a state.
-    pub(super) fn stay(&self, client_id: &str, state: StateId) -> u64 {
+    pub(crate) fn stay(&self, client_id: &str, state: StateId) -> u64 {
         let known = self.clients.get(client_id).or_else(|| self.earlier_clients.get(client_id));
         known.filter(|(current, _)| *current == place(state)).map_or(0, |(_, length)| *length)
     }
@@ -154,7 +154,7 @@ impl History {
     /// had, of the mean length of its visits, drawn towards that of all states. A stay lasts for as long
     /// again as it has lasted (a process without a scale of its own is half over on average: Gott,
     /// "Implications of the Copernican principle for our future prospects", 1993).
-    pub(super) fn frames_ahead(&self, client_id: &str, state: StateId) -> f64 {
+    pub(crate) fn frames_ahead(&self, client_id: &str, state: StateId) -> f64 {
         let mean = if self.visits == 0 { 1.0 } else { self.frames as f64 / self.visits as f64 };
         let history = &self.states[place(state)];
         let length = (history.frames as f64 + mean) / (history.visits as f64 + 1.0);
@@ -164,7 +164,7 @@ impl History {
     }
 
     /// The gains of octaves of searches in other states.
-    pub(super) fn gains_elsewhere(&self, state: StateId) -> Gains {
+    pub(crate) fn gains_elsewhere(&self, state: StateId) -> Gains {
         let mut gains = Gains::default();
         // The states met last stand for all of a large study.
         let others = self.states.iter().enumerate().rev().take(GAIN_STATES_MAX);
@@ -175,7 +175,7 @@ impl History {
     }
 
     /// The cost of an exploring trial above the best known configuration, as a share of that one's cost.
-    pub(super) fn excess(&self) -> f64 {
+    pub(crate) fn excess(&self) -> f64 {
         let all = self.excess + EXCESS_PRIOR * EXCESS_PRIOR_TRIALS;
         let excess = all / (self.explored as f64 + EXCESS_PRIOR_TRIALS);
         assert!((0.0..=EXCESS_MAX).contains(&excess), "an excess of {excess}");
@@ -186,7 +186,7 @@ impl History {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::tuner::states::at;
+    use crate::tuner::knowledge::states::at;
 
     #[test]
     fn stays_are_counted_by_client_and_state() {

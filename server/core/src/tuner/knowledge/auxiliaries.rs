@@ -16,7 +16,7 @@ use crate::results::{Record, ResultTable};
 use crate::robust::{deviation, median, reach_of};
 use crate::statistics::auxiliary::{Denoiser, Observation};
 use crate::statistics::movement::Movement;
-use crate::tuner::confirmation::Stored;
+use crate::tuner::knowledge::Stored;
 
 /// Number of trials after which the regression is learnt again.
 const LEARNT_EVERY: u64 = 4;
@@ -29,16 +29,16 @@ const COST_LEAST: f64 = 1e-300;
 
 /// The data of a trial beside its cost.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub(super) struct Beside {
+pub(crate) struct Beside {
     /// Its auxiliary measurements, if the study has any.
-    pub(super) auxiliary: Vec<f64>,
+    pub(crate) auxiliary: Vec<f64>,
     /// The distances of its indicators from the anchor of its state, as shares of their ranges.
-    pub(super) offset: Vec<f64>,
+    pub(crate) offset: Vec<f64>,
 }
 
 impl Beside {
     /// Whether it can explain nothing.
-    pub(super) fn is_nothing(&self) -> bool {
+    pub(crate) fn is_nothing(&self) -> bool {
         self.auxiliary.is_empty() && !self.has_moved()
     }
 
@@ -75,13 +75,13 @@ struct OfState {
 
 /// The regressions of all states, by their ids.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub(super) struct Auxiliaries {
+pub(crate) struct Auxiliaries {
     states: BTreeMap<u64, OfState>,
     clock: u64,
 }
 
 /// The costs of configurations as they are to stand in the table, each with the number of its trial.
-pub(super) type Restated = Vec<(Configuration, Vec<(u64, f64)>)>;
+pub(crate) type Restated = Vec<(Configuration, Vec<(u64, f64)>)>;
 
 impl OfState {
     /// The logarithm of a cost at the state's anchor.
@@ -162,12 +162,12 @@ impl OfState {
 impl Auxiliaries {
     /// Whether the regression on the auxiliary measurements of a state was learnt, even if it explains
     /// nothing.
-    pub(super) fn explains(&self, state: StateId) -> bool {
+    pub(crate) fn explains(&self, state: StateId) -> bool {
         self.states.get(&state.0).is_some_and(|own| own.denoiser.is_some())
     }
 
     /// A cost without the shares that the regressions explain.
-    pub(super) fn understood(&self, state: StateId, cost: f64, beside: &Beside) -> f64 {
+    pub(crate) fn understood(&self, state: StateId, cost: f64, beside: &Beside) -> f64 {
         self.states.get(&state.0).map_or(cost, |own| {
             let log = libm::log(cost.max(COST_LEAST));
             let understood = own.understood(log, &logs(&beside.auxiliary), &beside.offset);
@@ -179,7 +179,7 @@ impl Auxiliaries {
     /// Takes a trial. Where the regressions were learnt again, returns the costs of all configurations by
     /// them. The flag says whether to judge the speeds of machines again, because the regressions explain
     /// changes that seemed to be speed. `table` holds the earlier measurements.
-    pub(super) fn take(
+    pub(crate) fn take(
         &mut self,
         state: StateId,
         (trial, configuration): (u64, &Configuration),
@@ -234,7 +234,7 @@ impl Auxiliaries {
     }
 
     /// Takes trials back, and returns the costs of their configurations without them.
-    pub(super) fn take_back(&mut self, state: StateId, trials: &[u64]) -> Restated {
+    pub(crate) fn take_back(&mut self, state: StateId, trials: &[u64]) -> Restated {
         let Some(own) = self.states.get_mut(&state.0) else { return Vec::new() };
         let is_gone = |one: &&Seen| trials.contains(&one.trial);
         let gone: Vec<Configuration> =
@@ -246,13 +246,13 @@ impl Auxiliaries {
     }
 
     /// Forgets all of a state, because its costs have changed.
-    pub(super) fn begin_again(&mut self, state: StateId) {
+    pub(crate) fn begin_again(&mut self, state: StateId) {
         self.states.remove(&state.0);
         assert!(!self.explains(state), "nothing is known of {state:?}");
     }
 
     /// Whether it fits the space and these numbers of metrics and indicators.
-    pub(super) fn fits(&self, space: &crate::space::Space, metrics: usize, indicators: usize) -> bool {
+    pub(crate) fn fits(&self, space: &crate::space::Space, metrics: usize, indicators: usize) -> bool {
         let mut seen = self.states.values().flat_map(|own| &own.seen);
         seen.all(|one| {
             space.owns(&one.configuration.0)

@@ -26,14 +26,12 @@ use crate::predict::state_index::IndexEntry;
 use crate::predict::{Answer, Nearest, Predictor as _, Query, RUNS_LEAST, WORTH, runs_after};
 use crate::results::SEARCHED_LEAST;
 use crate::study::StudySpec;
-use crate::tuner::models::Models;
+use crate::tuner::clients::OpenTrials;
+use crate::tuner::exploring::searches::Searches;
+use crate::tuner::knowledge::{MeasuredElsewhere, Models, States, at};
 use crate::tuner::plan::Planned;
-use crate::tuner::portfolio::MeasuredElsewhere;
-use crate::tuner::searches::Searches;
-use crate::tuner::states::{States, at};
-use crate::tuner::trials::OpenTrials;
 
-pub(super) use other_machines::compare;
+pub(crate) use other_machines::compare;
 
 /// Number of nearest states that say whether those near by were searched.
 const NEAR: usize = 8;
@@ -42,19 +40,19 @@ const RUNS_STATES: usize = 48;
 
 /// The inputs of a transfer.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Transfer<'a> {
-    pub(super) spec: &'a StudySpec,
-    pub(super) states: &'a States,
-    pub(super) searches: &'a Searches,
-    pub(super) trials: &'a OpenTrials,
-    pub(super) models: &'a Models,
+pub(crate) struct Transfer<'a> {
+    pub(crate) spec: &'a StudySpec,
+    pub(crate) states: &'a States,
+    pub(crate) searches: &'a Searches,
+    pub(crate) trials: &'a OpenTrials,
+    pub(crate) models: &'a Models,
     /// The machine that asks, and all machines with it, where its state is not there yet; the study's first
     /// one without.
-    pub(super) asking: Option<(&'a Machines, MachineId)>,
+    pub(crate) asking: Option<(&'a Machines, MachineId)>,
 }
 
 impl<'a> Transfer<'a> {
-    pub(super) fn query(&self, normalised: &'a [f64], here: Option<StateId>) -> Query<'a> {
+    pub(crate) fn query(&self, normalised: &'a [f64], here: Option<StateId>) -> Query<'a> {
         let query = self.states.query(&self.spec.space, normalised, here);
         match self.asking.filter(|_| here.is_none()) {
             Some((machines, machine)) => Query { machines, machine, ..query },
@@ -65,7 +63,7 @@ impl<'a> Transfer<'a> {
     /// The configuration that the policy's predictor would exploit for these indicators in place of a
     /// measured rival, and the predictor that names it. The configuration was not measured in this state, can
     /// almost surely be run there, and is worth its risk.
-    pub(super) fn answer(
+    pub(crate) fn answer(
         &self,
         normalised: &'a [f64],
         here: Option<StateId>,
@@ -74,11 +72,7 @@ impl<'a> Transfer<'a> {
     ) -> Option<(Answer, PredictorMethod)> {
         let method = self.spec.policy.predictor;
         let query = Query { rival: Some(rival), ..self.query(normalised, here) };
-        let predictors = &self.models.predictors;
-        let answer = match planned.of_predictors(normalised) {
-            None => predictors.predict(method, &query),
-            Some(planned) => predictors.predict_ahead(method, &query, planned.answer),
-        };
+        let answer = self.models.predictors.predict_fitted(method, &query, planned.answer(normalised));
         answer.filter(|(answer, method)| {
             let configuration = &answer.configuration;
             configuration != rival && !query.excludes(configuration) && self.is_sound(&query, answer, *method)
@@ -112,7 +106,7 @@ impl<'a> Transfer<'a> {
 
     /// The first configuration to run in a state without measurements, if the predictor expects much gain
     /// from other states' measurements. Trial `number` makes answers differ from one to the next.
-    pub(super) fn first(
+    pub(crate) fn first(
         &self,
         state: StateId,
         number: u64,
@@ -123,17 +117,13 @@ impl<'a> Transfer<'a> {
             return None;
         }
         let (method, query) = (self.spec.policy.predictor, self.query(normalised, Some(state)));
-        let predictors = &self.models.predictors;
-        match planned.of_predictors(normalised) {
-            None => predictors.propose(method, &query, number),
-            Some(planned) => predictors.propose_ahead(method, &query, number, planned.first),
-        }
+        self.models.predictors.propose(method, &query, number, planned.first(normalised))
     }
 
     /// Whether the search of a state begins with the best configurations of others: where the states near by
     /// were searched. Where every input is met only once, none was searched, and a predictor proposes
     /// instead.
-    pub(super) fn begins_with_portfolio(&self, normalised: &'a [f64], here: Option<StateId>) -> bool {
+    pub(crate) fn begins_with_portfolio(&self, normalised: &'a [f64], here: Option<StateId>) -> bool {
         if !self.warms_up_searches() {
             return false;
         }
@@ -150,7 +140,7 @@ impl<'a> Transfer<'a> {
     }
 
     /// The results that [`best_elsewhere`](Transfer::best_elsewhere) answers from, to be computed apart.
-    pub(super) fn evidence_elsewhere(
+    pub(crate) fn evidence_elsewhere(
         &self,
         normalised: &'a [f64],
         here: Option<StateId>,
@@ -162,17 +152,14 @@ impl<'a> Transfer<'a> {
 
     /// The incumbent or confirmed winner of other states that serves them best, for a state without a
     /// measured configuration that can be run.
-    pub(super) fn best_elsewhere(
+    pub(crate) fn best_elsewhere(
         &self,
         normalised: &'a [f64],
         here: Option<StateId>,
         planned: &Planned,
     ) -> Option<(Configuration, ExploitSource)> {
         let evidence = self.evidence_elsewhere(normalised, here)?;
-        let best = match planned.of_portfolio(normalised) {
-            None => evidence.best(&self.spec.space),
-            Some(best) => best.cloned(),
-        };
+        let best = planned.portfolio(normalised, || evidence.best(&self.spec.space));
         // The default is an answer only where the states near by were searched and found nothing better.
         let is_found = |best: &Configuration| {
             best != self.spec.space.default_ref() || self.begins_with_portfolio(normalised, here)
@@ -183,14 +170,14 @@ impl<'a> Transfer<'a> {
     }
 
     /// Whether nothing was begun in a state.
-    pub(super) fn is_untouched(&self, state: StateId) -> bool {
+    pub(crate) fn is_untouched(&self, state: StateId) -> bool {
         self.searches.of(state).is_none()
             && !self.trials.runs_anything(state)
             && self.states.results(state).tried() == 0
     }
 
     /// Whether exploiting asks a predictor, not only the tables of the state.
-    pub(super) fn needs_predictor(&self, here: Option<StateId>) -> bool {
+    pub(crate) fn needs_predictor(&self, here: Option<StateId>) -> bool {
         let is_known = |here: StateId| {
             let results = self.states.results(here);
             let policy = &self.spec.policy;
@@ -202,7 +189,7 @@ impl<'a> Transfer<'a> {
     }
 
     /// The nearest neighbour's answer, among configurations that are not known to fail.
-    pub(super) fn nearest(&self, normalised: &'a [f64], here: Option<StateId>) -> Option<Answer> {
+    pub(crate) fn nearest(&self, normalised: &'a [f64], here: Option<StateId>) -> Option<Answer> {
         Nearest.predict(&self.query(normalised, here))
     }
 }

@@ -8,10 +8,9 @@ use crate::predict::Query;
 use crate::predict::state_index::IndexEntry;
 use crate::search::hears_others;
 use crate::trial::Neighbour;
-use crate::tuner::portfolio::{MeasuredElsewhere, OtherState};
-use crate::tuner::states::at;
-use crate::tuner::transfer::Transfer;
-use crate::tuner::warm_start::STATES;
+use crate::tuner::exploring::transfer::Transfer;
+use crate::tuner::knowledge::warm_start::STATES;
+use crate::tuner::knowledge::{MeasuredElsewhere, OtherState, at};
 
 /// Number of measurements in a state from which on a result is not the luck of one.
 const REPEATED: u64 = 2;
@@ -25,18 +24,18 @@ fn nearest(query: &Query<'_>, count: usize, explored: bool) -> Vec<IndexEntry> {
 
 impl Transfer<'_> {
     /// Whether a search that begins profits from others.
-    pub(in crate::tuner) fn warms_up_searches(&self) -> bool {
+    pub(crate) fn warms_up_searches(&self) -> bool {
         hears_others(self.spec.policy.search)
     }
 
     /// The evidence of other states for a search that begins in a state.
-    pub(in crate::tuner) fn evidence(&self, state: StateId) -> MeasuredElsewhere {
+    pub(crate) fn evidence(&self, state: StateId) -> MeasuredElsewhere {
         let anchor = &self.states[state].anchor;
         self.evidence_for(&self.states.query(&self.spec.space, anchor, Some(state)))
     }
 
     /// The evidence for a state that does not exist yet.
-    pub(in crate::tuner) fn evidence_for(&self, query: &Query<'_>) -> MeasuredElsewhere {
+    pub(crate) fn evidence_for(&self, query: &Query<'_>) -> MeasuredElsewhere {
         self.measured_elsewhere(query, true)
     }
 
@@ -65,7 +64,7 @@ impl Transfer<'_> {
     }
 
     /// The states whose evidence a search received, for people.
-    pub(in crate::tuner) fn neighbours(&self, state: StateId) -> Vec<Neighbour> {
+    pub(crate) fn neighbours(&self, state: StateId) -> Vec<Neighbour> {
         let here = &self.states[state];
         self.neighbours_of(&self.states.query(&self.spec.space, &here.anchor, Some(state)))
     }

@@ -21,7 +21,7 @@ use crate::configuration::Configuration;
 use crate::ids::StateId;
 use crate::limits::RECHECKS_MAX;
 use crate::results::{Record, ResultTable};
-use crate::tuner::confirmation::Stored;
+use crate::tuner::knowledge::Stored;
 
 /// The least number of ratios of neighbouring runs that show a change of the state, and the most that are
 /// waited for.
@@ -44,7 +44,7 @@ const APART: f64 = 4.0;
 
 /// The end of a recheck.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Moved {
+pub(crate) enum Moved {
     /// All costs moved alike.
     Machine,
     /// The ratio of the two costs has changed.
@@ -135,7 +135,7 @@ impl Recheck {
 
 /// The open rechecks of a study, by state.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub(super) struct Rechecks {
+pub(crate) struct Rechecks {
     open: BTreeMap<u64, Recheck>,
 }
 
@@ -143,7 +143,7 @@ impl Rechecks {
     /// Begins a recheck, if none is open and there is a second known configuration: the default, else the
     /// best other one. `results` are those from before the shift, `cost` is the one that shifted, and `pace`
     /// the machine's factor on all costs before.
-    pub(super) fn begin(
+    pub(crate) fn begin(
         &mut self,
         (client_id, state): (&str, StateId),
         shifted: &Configuration,
@@ -186,7 +186,7 @@ impl Rechecks {
     }
 
     /// Takes a cost as it was measured. `None` while nothing is decided.
-    pub(super) fn take(
+    pub(crate) fn take(
         &mut self,
         (client_id, state): (&str, StateId),
         configuration: &Configuration,
@@ -205,14 +205,14 @@ impl Rechecks {
     }
 
     /// The configuration that a client should run next, in turns with the one whose cost shifted.
-    pub(super) fn wanted(&self, client_id: &str, state: StateId) -> Option<&Configuration> {
+    pub(crate) fn wanted(&self, client_id: &str, state: StateId) -> Option<&Configuration> {
         let recheck = self.open.get(&state.0).filter(|recheck| recheck.client_id == client_id)?;
         let is_due = recheck.last.is_some_and(|last| last.is_shifted);
         is_due.then_some(&recheck.beside.0)
     }
 
     /// Whether the configurations that it names are of the space.
-    pub(super) fn fits(&self, space: &crate::space::Space) -> bool {
+    pub(crate) fn fits(&self, space: &crate::space::Space) -> bool {
         self.open.values().all(|recheck| space.owns(&recheck.shifted.0) && space.owns(&recheck.beside.0))
     }
 }

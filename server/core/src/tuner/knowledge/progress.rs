@@ -11,11 +11,11 @@ use crate::results::ResultTable;
 use crate::search::Layout;
 use crate::space::Space;
 use crate::statistics::estimate::CostPosterior;
-use crate::tuner::assessment::samples;
+use crate::tuner::knowledge::assessment::samples;
 
 /// The best configuration of a state, and the share by which it costs less than the former best. `None` where
 /// nothing was measured.
-pub(super) fn gained(
+pub(crate) fn gained(
     space: &Space,
     results: &ResultTable,
     before: Option<&Configuration>,

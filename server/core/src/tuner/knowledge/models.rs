@@ -14,35 +14,35 @@ use crate::predict::{Lesson, Predictors};
 use crate::search::Verdict;
 use crate::space::Space;
 use crate::study::StudySpec;
-use crate::tuner::states::States;
+use crate::tuner::knowledge::states::States;
 
 /// The models of a study.
 #[derive(Clone, Debug)]
-pub(super) struct Models {
-    pub(super) predictors: Predictors,
+pub(crate) struct Models {
+    pub(crate) predictors: Predictors,
     /// The completion after which they were begun.
-    pub(super) since: u64,
+    pub(crate) since: u64,
     /// Whether another caller computes deferred updates.
-    pub(super) defers: bool,
+    pub(crate) defers: bool,
 }
 
 /// The lesson of a completed trial for a model.
-pub(super) struct Result<'a> {
+pub(crate) struct Result<'a> {
     /// The normalised indicators the trial ran under.
-    pub(super) normalised: &'a [f64],
-    pub(super) state: StateId,
-    pub(super) configuration: &'a Configuration,
-    pub(super) verdict: Verdict,
+    pub(crate) normalised: &'a [f64],
+    pub(crate) state: StateId,
+    pub(crate) configuration: &'a Configuration,
+    pub(crate) verdict: Verdict,
 }
 
 impl Models {
     /// The models that a predictor needs, before they are taught anything.
-    pub(super) fn new(spec: &StudySpec, predictor: PredictorMethod, states: &States, since: u64) -> Self {
+    pub(crate) fn new(spec: &StudySpec, predictor: PredictorMethod, states: &States, since: u64) -> Self {
         Models { predictors: untaught(spec, predictor, states), since, defers: false }
     }
 
     /// Begins the models of a predictor from nothing, after a completion.
-    pub(super) fn begin(
+    pub(crate) fn begin(
         &mut self,
         spec: &StudySpec,
         predictor: PredictorMethod,
@@ -54,14 +54,14 @@ impl Models {
     }
 
     /// Computes deferred updates at once if no other caller does, or if too many are waiting.
-    pub(super) fn catch_up(&mut self, space: &Space) {
+    pub(crate) fn catch_up(&mut self, space: &Space) {
         if !self.defers || self.predictors.deferred_count() > DEFERRED_UPDATES_MAX {
             self.predictors.apply_all(space);
         }
     }
 
     /// Teaches the models a completed trial whose result the table of its state holds.
-    pub(super) fn teach(&mut self, spec: &StudySpec, states: &States, result: &Result<'_>) {
+    pub(crate) fn teach(&mut self, spec: &StudySpec, states: &States, result: &Result<'_>) {
         let machine = states[result.state].machine;
         let at_home = |cost: f64| states.machines.translate(machine, FIRST, cost);
         self.predictors.learn(&Lesson {
@@ -80,7 +80,7 @@ impl Models {
 
     /// Rebuilds the models of features where the omitted indicators have changed, and teaches them the tables
     /// of the states that were met last.
-    pub(super) fn begin_features(&mut self, spec: &StudySpec, states: &States) {
+    pub(crate) fn begin_features(&mut self, spec: &StudySpec, states: &States) {
         if !self.predictors.have_features() {
             return;
         }

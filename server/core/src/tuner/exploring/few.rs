@@ -9,6 +9,7 @@ use std::sync::Arc;
 
 use crate::configuration::Configuration;
 use crate::results::{Record, ResultTable};
+use crate::robust::{FRAME_NOISE_PRIOR, NOISE_LEAST};
 use crate::space::Space;
 
 /// Number of measurements after which a configuration is clear enough for a confirmation.
@@ -17,32 +18,30 @@ const ENOUGH: u64 = 3;
 const CLEAR: f64 = 2.5;
 /// A single measurement below this multiple of the best cost may have been disturbed.
 const NEAR: f64 = 2.0;
-/// The noise that is assumed before anything was measured twice, and the bounds of its estimate.
-const NOISE_PRIOR: f64 = 0.1;
-const NOISE_LEAST: f64 = 0.01;
+/// The most noise that is assumed.
 const NOISE_MAX: f64 = 0.5;
 
 /// Every configuration of a space, where they are few.
 #[derive(Clone, Debug, Default)]
-pub(super) struct FewConfigurations(Option<Arc<[Configuration]>>);
+pub(crate) struct FewConfigurations(Option<Arc<[Configuration]>>);
 
 impl FewConfigurations {
-    pub(super) fn of(space: &Space) -> Self {
+    pub(crate) fn of(space: &Space) -> Self {
         FewConfigurations(space.enumerate().map(Arc::from))
     }
 
     /// Their number, where they are few.
-    pub(super) fn count(&self) -> Option<usize> {
+    pub(crate) fn count(&self) -> Option<usize> {
         self.0.as_ref().map(|all| all.len())
     }
 
     /// Whether every configuration has a verdict, or was given up.
-    pub(super) fn is_exhausted(&self, results: &ResultTable) -> bool {
+    pub(crate) fn is_exhausted(&self, results: &ResultTable) -> bool {
         self.0.as_ref().is_some_and(|all| results.decided() >= all.len())
     }
 
     /// The first configuration that is neither tried nor running.
-    pub(super) fn untried(
+    pub(crate) fn untried(
         &self,
         results: &ResultTable,
         is_running: impl Fn(&Configuration) -> bool,
@@ -54,7 +53,7 @@ impl FewConfigurations {
 
 /// The next configuration of an exhausted space to measure again, among those that do not run now. `None`
 /// where it is clear enough which are the best, and where costs are exact.
-pub(super) fn next_of_race(
+pub(crate) fn next_of_race(
     results: &ResultTable,
     is_running: impl Fn(&Configuration) -> bool,
 ) -> Option<&Record> {
@@ -63,7 +62,7 @@ pub(super) fn next_of_race(
         return None;
     }
     assert!(best.measurements > 0 && !best.infeasible, "the best was measured");
-    let noise = results.noise().unwrap_or(NOISE_PRIOR).clamp(NOISE_LEAST, NOISE_MAX);
+    let noise = results.noise().unwrap_or(FRAME_NOISE_PRIOR).clamp(NOISE_LEAST, NOISE_MAX);
     let is_open = |record: &&Record| {
         let parts = 1.0 / record.measurements as f64 + 1.0 / best.measurements as f64;
         let deviations = libm::log(record.mean_cost / best.mean_cost) / (noise * parts.sqrt());

@@ -10,7 +10,7 @@ use crate::ids::{StateId, TrialNumber};
 use crate::trial::Trial;
 
 #[derive(Clone, Debug, Default)]
-pub(super) struct OpenTrials {
+pub(crate) struct OpenTrials {
     open: BTreeMap<TrialNumber, Trial>,
     /// The ends of their leases, in milliseconds of the caller's clock, soonest first.
     leases: BTreeSet<(i64, TrialNumber)>,
@@ -23,61 +23,61 @@ pub(super) struct OpenTrials {
 
 impl OpenTrials {
     /// No open trial, where `last` is the last one handed out.
-    pub(super) fn after(last: TrialNumber) -> Self {
+    pub(crate) fn after(last: TrialNumber) -> Self {
         OpenTrials { last, ..OpenTrials::default() }
     }
 
     /// The number of the last trial that was ever handed out; 0 before the first.
-    pub(super) fn last(&self) -> TrialNumber {
+    pub(crate) fn last(&self) -> TrialNumber {
         self.last
     }
 
-    pub(super) fn len(&self) -> usize {
+    pub(crate) fn len(&self) -> usize {
         self.open.len()
     }
 
-    pub(super) fn get(&self, number: TrialNumber) -> Option<&Trial> {
+    pub(crate) fn get(&self, number: TrialNumber) -> Option<&Trial> {
         self.open.get(&number)
     }
 
     /// Every open trial, by rising number.
-    pub(super) fn all(&self) -> impl Iterator<Item = &Trial> {
+    pub(crate) fn all(&self) -> impl Iterator<Item = &Trial> {
         self.open.values()
     }
 
-    pub(super) fn of_client(&self, client_id: &str, state: StateId) -> Option<&Trial> {
+    pub(crate) fn of_client(&self, client_id: &str, state: StateId) -> Option<&Trial> {
         let number = self.held.get(client_id)?.get(&state)?;
         self.open.get(number)
     }
 
-    pub(super) fn held_by(&self, client_id: &str) -> usize {
+    pub(crate) fn held_by(&self, client_id: &str) -> usize {
         self.held.get(client_id).map_or(0, BTreeMap::len)
     }
 
     /// The number of clients that hold open trials.
-    pub(super) fn holders(&self) -> usize {
+    pub(crate) fn holders(&self) -> usize {
         self.held.len()
     }
 
-    pub(super) fn runs(&self, state: StateId, configuration: &Configuration) -> bool {
+    pub(crate) fn runs(&self, state: StateId, configuration: &Configuration) -> bool {
         self.running.get(&state).is_some_and(|running| running.contains_key(configuration))
     }
 
-    pub(super) fn runs_anything(&self, state: StateId) -> bool {
+    pub(crate) fn runs_anything(&self, state: StateId) -> bool {
         self.running.contains_key(&state)
     }
 
-    pub(super) fn next_expiry_ms(&self) -> Option<i64> {
+    pub(crate) fn next_expiry_ms(&self) -> Option<i64> {
         self.leases.first().map(|&(expire_ms, _)| expire_ms)
     }
 
     /// The trials whose leases have run out before `now_ms`, by rising number.
-    pub(super) fn due(&self, now_ms: i64) -> BTreeSet<TrialNumber> {
+    pub(crate) fn due(&self, now_ms: i64) -> BTreeSet<TrialNumber> {
         self.leases.range(..(now_ms, TrialNumber(0))).map(|&(_, number)| number).collect()
     }
 
     /// Enters an open trial. One that is newer than all before is the last from now on.
-    pub(super) fn enter(&mut self, trial: Trial) {
+    pub(crate) fn enter(&mut self, trial: Trial) {
         let (number, state) = (TrialNumber(trial.number), StateId(trial.state_id));
         self.last = self.last.max(number);
         let running = self.running.entry(state).or_default();
@@ -89,7 +89,7 @@ impl OpenTrials {
     }
 
     /// Takes an open trial out.
-    pub(super) fn remove(&mut self, number: TrialNumber) -> Option<Trial> {
+    pub(crate) fn remove(&mut self, number: TrialNumber) -> Option<Trial> {
         let trial = self.open.remove(&number)?;
         let state = StateId(trial.state_id);
         let had_lease = self.leases.remove(&(trial.lease_expire_ms, number));
@@ -117,7 +117,7 @@ impl OpenTrials {
 
     /// Notes the session that holds an open trial now, and the number of lost leases of its configuration.
     /// Another session has not shown yet that it runs the trial.
-    pub(super) fn hold_by(&mut self, number: TrialNumber, session: u64, lost_leases: u32) {
+    pub(crate) fn hold_by(&mut self, number: TrialNumber, session: u64, lost_leases: u32) {
         if let Some(trial) = self.open.get_mut(&number) {
             trial.decision.heartbeat &= trial.decision.session == session;
             (trial.decision.session, trial.decision.lost_leases) = (session, lost_leases);
@@ -125,14 +125,14 @@ impl OpenTrials {
     }
 
     /// Notes that the client of an open trial shows that it lives.
-    pub(super) fn note_heartbeat(&mut self, number: TrialNumber) {
+    pub(crate) fn note_heartbeat(&mut self, number: TrialNumber) {
         if let Some(trial) = self.open.get_mut(&number) {
             trial.decision.heartbeat = true;
         }
     }
 
     /// Gives an open trial a lease until `expire_ms`.
-    pub(super) fn renew(&mut self, number: TrialNumber, expire_ms: i64) -> Option<&Trial> {
+    pub(crate) fn renew(&mut self, number: TrialNumber, expire_ms: i64) -> Option<&Trial> {
         let trial = self.open.get_mut(&number)?;
         let had_lease = self.leases.remove(&(trial.lease_expire_ms, number));
         assert!(had_lease, "{number:?} was open without a lease");

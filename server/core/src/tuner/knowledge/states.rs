@@ -30,7 +30,7 @@ pub(crate) struct States {
     /// The index of the anchors.
     index: StateIndex,
     /// The machines that measured in these states.
-    pub(super) machines: Machines,
+    pub(crate) machines: Machines,
     /// The most by which an indicator of a recognised state differs from its anchor, as a share of its range.
     tolerance: f64,
     default: Configuration,
@@ -40,12 +40,12 @@ pub(crate) struct States {
 }
 
 /// The place of a state in lists of all of them.
-pub(super) fn place(id: StateId) -> usize {
+pub(crate) fn place(id: StateId) -> usize {
     assert!(id.0 > 0, "states count from 1");
     id.0 as usize - 1
 }
 
-pub(super) fn at(place: usize) -> StateId {
+pub(crate) fn at(place: usize) -> StateId {
     StateId(place as u64 + 1)
 }
 
@@ -64,7 +64,7 @@ impl States {
     }
 
     /// No states yet.
-    pub(super) fn new(spec: &StudySpec) -> Self {
+    pub(crate) fn new(spec: &StudySpec) -> Self {
         States {
             known: Vec::new(),
             siblings: Vec::new(),
@@ -79,73 +79,73 @@ impl States {
     }
 
     /// The number of states.
-    pub(super) fn len(&self) -> usize {
+    pub(crate) fn len(&self) -> usize {
         self.known.len()
     }
 
     /// All of them, oldest first.
-    pub(super) fn ids(&self) -> impl DoubleEndedIterator<Item = StateId> + use<> {
+    pub(crate) fn ids(&self) -> impl DoubleEndedIterator<Item = StateId> + use<> {
         (0..self.known.len()).map(at)
     }
 
     /// Whether there is such a state.
-    pub(super) fn contains(&self, id: StateId) -> bool {
+    pub(crate) fn contains(&self, id: StateId) -> bool {
         (1..=self.known.len() as u64).contains(&id.0)
     }
 
     /// All states with their measurements, oldest first.
-    pub(super) fn known(&self) -> &[KnownState] {
+    pub(crate) fn known(&self) -> &[KnownState] {
         &self.known
     }
 
-    pub(super) fn results(&self, id: StateId) -> &ResultTable {
+    pub(crate) fn results(&self, id: StateId) -> &ResultTable {
         &self[id].results
     }
 
     /// The machine that alone measures in a state.
-    pub(super) fn fingerprint(&self, id: StateId) -> Option<&Fingerprint> {
+    pub(crate) fn fingerprint(&self, id: StateId) -> Option<&Fingerprint> {
         self.machines.fingerprint(self[id].machine)
     }
 
     /// The states of other machines with this state's input, nearest relations first.
-    pub(super) fn siblings(&self, id: StateId) -> &[StateId] {
+    pub(crate) fn siblings(&self, id: StateId) -> &[StateId] {
         &self.siblings[place(id)]
     }
 
     /// Indicators that distances and features leave out.
-    pub(super) fn omitted_indicators(&self) -> Vec<OmittedIndicator> {
+    pub(crate) fn omitted_indicators(&self) -> Vec<OmittedIndicator> {
         self.index.omitted_indicators()
     }
 
     /// The known reach of the indicators.
-    pub(super) fn indicator_statistics(&self) -> &IndicatorStatistics {
+    pub(crate) fn indicator_statistics(&self) -> &IndicatorStatistics {
         self.index.indicator_statistics()
     }
 
     /// The number of remembered configurations in all states.
     #[cfg(test)]
-    pub(super) fn remembered(&self) -> usize {
+    pub(crate) fn remembered(&self) -> usize {
         self.remembered
     }
 
     /// Above which count of remembered configurations some are forgotten.
-    pub(super) fn forget_above(&self) -> usize {
+    pub(crate) fn forget_above(&self) -> usize {
         self.forget_above
     }
 
     /// Mean cost of the default configuration in a state, if it was measured there.
-    pub(super) fn default_cost(&self, id: StateId) -> Option<f64> {
+    pub(crate) fn default_cost(&self, id: StateId) -> Option<f64> {
         self.cost_of(id, &self.default)
     }
 
     /// Mean cost of a configuration in a state, if it was measured there.
-    pub(super) fn cost_of(&self, id: StateId, configuration: &Configuration) -> Option<f64> {
+    pub(crate) fn cost_of(&self, id: StateId, configuration: &Configuration) -> Option<f64> {
         let record = self[id].results.record(configuration)?;
         (record.measurements > 0).then_some(record.mean_cost)
     }
 
     /// A question of a predictor about a state, known or not: then the study's first machine asks.
-    pub(super) fn query<'a>(
+    pub(crate) fn query<'a>(
         &'a self,
         space: &'a Space,
         normalised: &'a [f64],
@@ -162,7 +162,7 @@ impl States {
     /// two anchors does not flicker. Else the nearest matching state is taken, the oldest among equally near
     /// ones. `None` when no state matches, as long as there may be more. Beyond that, the machine's nearest
     /// state is taken whether it matches or not, so that an input that never rests goes on for ever.
-    pub(super) fn recognise(
+    pub(crate) fn recognise(
         &self,
         current: Option<StateId>,
         fingerprint: Option<&Fingerprint>,
@@ -184,7 +184,7 @@ impl States {
 
     /// The state of the named machine if it has been there, else of the machine with the most frames there,
     /// the first among equals.
-    pub(super) fn recognise_for(
+    pub(crate) fn recognise_for(
         &self,
         fingerprint: Option<&Fingerprint>,
         normalised: &[f64],
@@ -198,7 +198,7 @@ impl States {
         })
     }
 
-    pub(super) fn found(&mut self, anchor: Vec<f64>, fingerprint: Option<&Fingerprint>) -> StateId {
+    pub(crate) fn found(&mut self, anchor: Vec<f64>, fingerprint: Option<&Fingerprint>) -> StateId {
         let id = at(self.known.len());
         let (machine, displaced) = self.machines.note_founder(fingerprint);
         let others = self.index.within_each(&anchor, self.tolerance).map(at);
@@ -224,29 +224,29 @@ impl States {
         id
     }
 
-    pub(super) fn note_search(&mut self, id: StateId) {
+    pub(crate) fn note_search(&mut self, id: StateId) {
         (self.known[place(id)].explored, self.begun[place(id)]) = (true, true);
         self.index.note(&self.known[place(id)]);
     }
 
     /// Notes that the search of a state was forgotten. A replay does not: its rows say what was begun since.
-    pub(super) fn forget_search(&mut self, id: StateId) {
+    pub(crate) fn forget_search(&mut self, id: StateId) {
         (self.known[place(id)].explored, self.begun[place(id)]) = (false, false);
     }
 
     /// Sets whether a restored state was explored, before anything of it is learnt.
-    pub(super) fn restore_search(&mut self, id: StateId, explored: bool) {
+    pub(crate) fn restore_search(&mut self, id: StateId, explored: bool) {
         (self.known[place(id)].explored, self.begun[place(id)]) = (explored, explored);
     }
 
     /// Notes the first frame of a state. `true` where other indicators are left out than before.
-    pub(super) fn note_first_frame(&mut self, id: StateId) -> bool {
+    pub(crate) fn note_first_frame(&mut self, id: StateId) -> bool {
         self.index.weigh(&self.known[place(id)].anchor)
     }
 
     /// Takes the result of a completed trial into the table of its state. `error` is the standard error of
     /// its cost, as a share; 0 where it is not known.
-    pub(super) fn learn(&mut self, id: StateId, trial: &Trial, error: f64) {
+    pub(crate) fn learn(&mut self, id: StateId, trial: &Trial, error: f64) {
         let state = &mut self.known[place(id)];
         let before = state.results.remembered();
         let (version, had_default) = (state.results.version(), state.results.record(&self.default).is_some());
@@ -265,14 +265,14 @@ impl States {
     }
 
     /// Changes the table of a state other than by a trial.
-    pub(super) fn amend(&mut self, id: StateId, change: impl FnOnce(&mut ResultTable)) {
+    pub(crate) fn amend(&mut self, id: StateId, change: impl FnOnce(&mut ResultTable)) {
         let state = &mut self.known[place(id)];
         change(Arc::make_mut(&mut state.results));
         self.index.note(state);
     }
 
     /// Forgets the measurements of a state, because its costs have changed.
-    pub(super) fn begin_again(&mut self, id: StateId) {
+    pub(crate) fn begin_again(&mut self, id: StateId) {
         let forgotten = self[id].results.remembered();
         assert!(forgotten <= self.remembered, "{forgotten} of {} configurations", self.remembered);
         self.remembered -= forgotten;
@@ -283,7 +283,7 @@ impl States {
     /// Where more configurations are remembered than a study may, forgets most configurations of the states
     /// whose last report is oldest. `is_few` says whether the space has so few configurations that all can be
     /// tried.
-    pub(super) fn forget_somewhere(&mut self, is_few: bool) {
+    pub(crate) fn forget_somewhere(&mut self, is_few: bool) {
         if self.remembered <= self.forget_above {
             return;
         }
@@ -312,7 +312,7 @@ impl States {
 
     /// The states that were reported from last, latest first, as many as remember no more than `most`
     /// configurations together.
-    pub(super) fn latest(&self, most: usize) -> Vec<StateId> {
+    pub(crate) fn latest(&self, most: usize) -> Vec<StateId> {
         let mut latest: Vec<StateId> = self.ids().collect();
         latest.sort_unstable_by_key(|&id| Reverse((self[id].results.latest(), id)));
         let mut left = most;
@@ -330,7 +330,7 @@ impl States {
 
     /// Takes over earlier knowledge: tables of the first states in their order, completed with the space, the
     /// comparisons of the first machines, and the reach of indicators.
-    pub(super) fn take_over(
+    pub(crate) fn take_over(
         &mut self,
         tables: Vec<Arc<ResultTable>>,
         pooling: &[PoolingStatistics],

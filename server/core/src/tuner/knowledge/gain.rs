@@ -6,29 +6,25 @@ use crate::ids::StateId;
 use crate::policy::Policy;
 use crate::statistics::exploration_value::{Outlook, SearchProgress, outlook};
 use crate::tuner::Prospect;
-use crate::tuner::history::History;
-use crate::tuner::states::States;
+use crate::tuner::knowledge::history::History;
+use crate::tuner::knowledge::states::States;
 
-/// The noise that is assumed before anything was measured twice: of frames, a tenth.
-pub(super) const NOISE_PRIOR: f64 = 0.1;
-/// The least noise that is assumed: timers and clocks are not better.
-pub(super) const NOISE_LEAST: f64 = 0.01;
 /// Standard deviations by which a configuration must be dearer to be called clearly worse.
 const CLEARLY: f64 = 3.0;
 /// More measurements than this say nothing more about a configuration.
-const MEASUREMENTS_COUNTED: u64 = 16;
+pub(crate) const MEASUREMENTS_COUNTED: u64 = 16;
 
 /// The evidence of the rules.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct GainEvidence<'a> {
-    pub(super) policy: &'a Policy,
-    pub(super) states: &'a States,
-    pub(super) history: &'a History,
+pub(crate) struct GainEvidence<'a> {
+    pub(crate) policy: &'a Policy,
+    pub(crate) states: &'a States,
+    pub(crate) history: &'a History,
 }
 
 impl GainEvidence<'_> {
     /// The probability of exploring a state, after the visits that it has had.
-    pub(super) fn epsilon(&self, state: StateId) -> f64 {
+    pub(crate) fn epsilon(&self, state: StateId) -> f64 {
         if self.policy.epsilon_halves_after == 0 {
             return self.policy.epsilon;
         }
@@ -41,7 +37,7 @@ impl GainEvidence<'_> {
     /// The expected gain from going on with the search of a state for `room` trials in all, over this
     /// client's frames and all others: the next few trials first, see
     /// [`exploration_value`](crate::statistics::exploration_value).
-    pub(super) fn prospect(&self, client_id: &str, state: StateId, room: usize) -> Prospect {
+    pub(crate) fn prospect(&self, client_id: &str, state: StateId, room: usize) -> Prospect {
         let results = self.states.results(state);
         // Configurations of clients' own choice were tried too, and do not count. Configurations that were
         // taken back after a jump of the machine's speed are no longer tried, but stay searched.
@@ -66,7 +62,7 @@ impl GainEvidence<'_> {
 
     /// Whether a configuration does clearly worse in a state than the best measured one. What was measured
     /// once, far below all others, is no best.
-    pub(super) fn does_clearly_worse(&self, state: StateId, configuration: &Configuration) -> bool {
+    pub(crate) fn does_clearly_worse(&self, state: StateId, configuration: &Configuration) -> bool {
         let results = self.states.results(state);
         let best = results.believed_best();
         let (Some(own), Some(best)) = (results.record(configuration), best) else { return false };
@@ -74,7 +70,7 @@ impl GainEvidence<'_> {
         if own.measurements < 2 || best.configuration == *configuration {
             return false;
         }
-        let noise = results.noise().unwrap_or(NOISE_PRIOR).max(NOISE_LEAST);
+        let noise = results.frame_noise();
         let part = |measurements: u64| 1.0 / measurements.clamp(1, MEASUREMENTS_COUNTED) as f64;
         let chance = CLEARLY * (part(own.measurements) + part(best.measurements)).sqrt();
         // The best of many equal configurations is lucky by about this number of standard deviations.

@@ -14,10 +14,10 @@ use crate::configuration::Configuration;
 use crate::limits::REWARD_COST_MIN;
 use crate::search::{Layout, MainEffects, SourceMeasurement, SourceRun, on_grid};
 use crate::space::Space;
-use crate::tuner::portfolio::MeasuredElsewhere;
+use crate::tuner::knowledge::portfolio::MeasuredElsewhere;
 
 /// Numbers of nearest states, and of their best measured configurations, that main effects are fitted to.
-pub(super) const STATES: usize = 8;
+pub(crate) const STATES: usize = 8;
 const RECORDS: usize = 640;
 /// Fewest states whose best fixed configuration is the incumbent of a new one. A single one that wants the
 /// opposite would cost the search a ninth of the optimum at 20 trials.
@@ -28,23 +28,23 @@ const WINNERS: usize = 16;
 const RUNS: usize = 64;
 
 #[derive(Clone, Debug)]
-pub(super) struct WarmStart {
+pub(crate) struct WarmStart {
     /// The effects of parameters elsewhere.
-    pub(super) main_effects: MainEffects,
+    pub(crate) main_effects: MainEffects,
     /// Points in the order in which they are run.
-    pub(super) first: Vec<Vec<f64>>,
+    pub(crate) first: Vec<Vec<f64>>,
     /// Winners of single states that are not among these, the nearest state's first.
-    pub(super) winners: Vec<Vec<f64>>,
+    pub(crate) winners: Vec<Vec<f64>>,
     /// Configurations that ran and that failed elsewhere; empty where nothing failed.
-    pub(super) runs: Vec<SourceRun>,
+    pub(crate) runs: Vec<SourceRun>,
     /// The best fixed configuration of several other states, which is the incumbent here where it is not the
     /// default.
-    pub(super) incumbent: Option<Configuration>,
+    pub(crate) incumbent: Option<Configuration>,
 }
 
 impl MeasuredElsewhere {
     /// Computes it: some milliseconds. `None` where nothing follows.
-    pub(super) fn beginning(&self, space: &Space) -> Option<WarmStart> {
+    pub(crate) fn beginning(&self, space: &Space) -> Option<WarmStart> {
         let mut measured = Vec::new();
         let nearest = &self.states[..self.states.len().min(STATES)];
         for (state, other) in nearest.iter().enumerate() {
