@@ -32,7 +32,6 @@ pub const EACH_OF_LIGHT: &[(&str, &[&str])] = &[
     ("sky", &["sky=plain"]),
     ("shares", &["shares=fixed"]),
     ("sky_share", &["shares=fixed,sky_share=0.1", "shares=fixed,sky_share=0.6"]),
-    ("first_shadow_rays", &["first_shadow_rays=2", "first_shadow_rays=4"]),
     ("shadow_roulette", &["shadow_roulette=0.0", "shadow_roulette=0.1", "shadow_roulette=0.4"]),
     ("path_roulette", &["path_roulette=0.0", "path_roulette=0.1", "path_roulette=0.5"]),
 ];

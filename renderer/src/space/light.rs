@@ -102,12 +102,6 @@ pub(super) fn parameters(premises: &Premises) -> Vec<Explained> {
     }
     all.extend([
         choice(
-            "first_shadow_rays",
-            [1, 2, 4],
-            1,
-            "how many shadow rays share the light of a path's first hit",
-        ),
-        choice(
             "shadow_roulette",
             [0.0, 0.03, 0.1, 0.2, 0.4],
             0.2,

@@ -1,12 +1,14 @@
-//! Parameters that the full space had once (`docs/measurements/lean.md`), or that another space has now. The
-//! renderer does what was recommended; kept configurations may still name them.
+//! Parameters that a space had once (`docs/measurements/lean.md`, `light-sampling.md`), or that another space
+//! has now. The renderer does what was recommended; kept configurations may still name them.
 
 use treewright_client::Configuration;
 
 use super::{ConfigurationError, Preset, TuningSpace};
 
-/// Their names, and the values that say what the renderer does.
-const RETIRED: &[(&str, &[&str])] = &[
+/// A name, and the values that say what the renderer does.
+type Gone = (&'static str, &'static [&'static str]);
+
+const FROM_FULL: &[Gone] = &[
     ("format", &["full"]),
     // The one goes with trees as builders make them, the other with the best grouping.
     ("order", &["builder", "depth_first"]),
@@ -29,11 +31,21 @@ const RETIRED: &[(&str, &[&str])] = &[
     ("native_layout", &["auto"]),
 ];
 
+const FROM_LIGHT: &[Gone] = &[("first_shadow_rays", &["1"])];
+
+fn gone_from(preset: Preset) -> &'static [Gone] {
+    match preset {
+        Preset::Full => FROM_FULL,
+        Preset::Light => FROM_LIGHT,
+        Preset::Paper | Preset::Follow => &[],
+    }
+}
+
 impl TuningSpace {
     /// A configuration's parameters that are gone: where they say what happens anyway, they are ignored.
     pub fn retired(&self, given: &Configuration) -> Vec<&'static str> {
-        let all = if self.preset == Preset::Full { RETIRED } else { &[] };
-        all.iter().map(|(name, _)| *name).filter(|name| given.get(name).is_some()).collect()
+        let all = gone_from(self.preset).iter().map(|(name, _)| *name);
+        all.filter(|name| given.get(name).is_some()).collect()
     }
 
     /// The configuration without them.
@@ -42,7 +54,7 @@ impl TuningSpace {
     /// [`ConfigurationError::Retired`] where one asks for something else than the renderer does.
     pub(super) fn without_retired(&self, given: &Configuration) -> Result<Configuration, ConfigurationError> {
         let gone = self.retired(given);
-        for &(name, kept) in RETIRED.iter().filter(|(name, _)| gone.contains(name)) {
+        for &(name, kept) in gone_from(self.preset).iter().filter(|(name, _)| gone.contains(name)) {
             let value = given.get(name).map(ToString::to_string).unwrap_or_default();
             if !kept.contains(&value.as_str()) {
                 let kept = kept.join(" or ");
@@ -61,19 +73,21 @@ mod tests {
 
     #[test]
     fn what_the_renderer_does_anyway_is_ignored_and_all_else_refused() {
-        let full = TuningSpace::new(Preset::Full, &Premises::all());
-        for (name, kept) in RETIRED {
-            assert!(full.space().parameters().iter().all(|parameter| parameter.name != *name), "{name}");
-            for value in *kept {
-                let given = parse(&format!("{name}={value}")).expect("it reads");
-                assert_eq!(full.retired(&given), [*name]);
-                assert_eq!(full.complete(&given), Ok(full.default_configuration()));
-                assert!(TuningSpace::paper().complete(&given).is_err(), "the paper's space never had it");
+        for preset in Preset::ALL {
+            let space = TuningSpace::new(preset, &Premises::all());
+            for (name, kept) in gone_from(preset) {
+                assert!(space.space().parameters().iter().all(|parameter| parameter.name != *name), "{name}");
+                for value in *kept {
+                    let given = parse(&format!("{name}={value}")).expect("it reads");
+                    assert_eq!(space.retired(&given), [*name]);
+                    assert_eq!(space.complete(&given), Ok(space.default_configuration()));
+                    assert!(TuningSpace::paper().complete(&given).is_err(), "the paper's space never had it");
+                }
+                let problem = space.complete(&parse(&format!("{name}=other")).expect("it reads"));
+                let problem = problem.expect_err("nothing does that").to_string();
+                assert!(problem.contains(name) && problem.contains(kept[0]), "{problem}");
             }
-            let problem = full.complete(&parse(&format!("{name}=other")).expect("it reads"));
-            let problem = problem.expect_err("nothing does that").to_string();
-            assert!(problem.contains(name) && problem.contains(kept[0]), "{problem}");
+            assert!(space.retired(&space.default_configuration()).is_empty());
         }
-        assert!(full.retired(&full.default_configuration()).is_empty());
     }
 }

@@ -168,7 +168,8 @@ pub fn study_id(objective: Objective, space: &TuningSpace) -> String {
 /// The name of a space in its studies' ids, with a number if it had other parameters once.
 pub fn space_in_ids(space: &TuningSpace) -> String {
     let number = match space.preset() {
-        Preset::Full | Preset::Light => "-3",
+        Preset::Full => "-3",
+        Preset::Light => "-4",
         Preset::Paper | Preset::Follow => "",
     };
     space.name() + number
@@ -250,9 +251,8 @@ mod tests {
             (
                 Objective::Error,
                 Preset::Light,
-                "error-light-lamps-sun-sky-shared-3",
-                "candidates lamps lamp_weight sun_share sky shares sky_share first_shadow_rays shadow_roulette \
-                 path_roulette",
+                "error-light-lamps-sun-sky-shared-4",
+                "candidates lamps lamp_weight sun_share sky shares sky_share shadow_roulette path_roulette",
             ),
             (Objective::Motion, Preset::Follow, "motion-follow", "tree period repair_above"),
         ] {
