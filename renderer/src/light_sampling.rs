@@ -20,8 +20,6 @@ pub struct LightSampling {
     pub sky_share: f32,
     /// Whether shadow rays are divided by the shares learnt with the sky, instead of the two constants.
     pub learnt_shares: bool,
-    /// Shadow rays at the first hit of a path, which share its light: 1 to 16. Later hits have one.
-    pub first_shadow_rays: u32,
     /// Shadow rays for less than this share of the mean are rarer, and brighter; 0 traces all.
     pub shadow_roulette: f32,
     /// A path of less throughput goes on with a lower probability, brighter if it does; 0 ends none.
@@ -84,7 +82,6 @@ impl Default for LightSampling {
             sky: SkyChoice::Plain,
             sky_share: 0.5,
             learnt_shares: false,
-            first_shadow_rays: 1,
             shadow_roulette: 0.0,
             path_roulette: 0.0,
         }
@@ -103,5 +100,12 @@ mod tests {
         assert_eq!(times.of(&LightSampling { sky: SkyChoice::Learnt, ..plain }), 100.0);
         assert_eq!(times.of(&LightSampling { shadow_roulette: 0.1, ..plain }), 100.0);
         assert_eq!(times.of(&LightSampling { lamps: LampChoice::Learnt, ..plain }), 110.0);
+    }
+
+    #[test]
+    fn a_way_that_was_recorded_with_first_shadow_rays_is_read() {
+        let recorded = r#"{"candidates":4,"first_shadow_rays":1,"path_roulette":0.5}"#;
+        let read: LightSampling = serde_json::from_str(recorded).expect("it is one");
+        assert_eq!(read, LightSampling { candidates: 4, path_roulette: 0.5, ..LightSampling::default() });
     }
 }

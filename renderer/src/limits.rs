@@ -10,8 +10,6 @@ pub const BOUNCES_MAX: u32 = 64;
 pub const SHEETS_PER_SEGMENT_MAX: u32 = 4;
 /// Most ways through transmitting solids between two bounces: from wall to wall inside counts as one.
 pub const SOLID_WAYS_MAX: u32 = 24;
-/// Most shadow rays at the first hit of a path.
-pub const FIRST_SHADOW_RAYS_MAX: u32 = 16;
 /// Most groups of emissive triangles that are told apart where it is learnt which lamps light a place.
 pub const LAMP_GROUPS_MAX: usize = 1024;
 /// Most groups of them that are kept for a place.

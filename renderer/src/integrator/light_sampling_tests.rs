@@ -37,8 +37,6 @@ fn ways() -> Vec<LightSampling> {
         LightSampling { candidates: 8, lamps: LampChoice::Learnt, learnt_shares: true, ..sky },
         LightSampling { shadow_roulette: 0.4, path_roulette: 0.5, ..plain },
         LightSampling { shadow_roulette: 0.4, path_roulette: 0.5, learnt_shares: true, ..sky },
-        LightSampling { first_shadow_rays: 4, ..plain },
-        LightSampling { first_shadow_rays: 2, shadow_roulette: 0.4, learnt_shares: true, ..sky },
     ]
 }
 
@@ -236,22 +234,6 @@ fn near_lamps_among_many_are_found_sooner_once_they_were_learnt() {
     let learnt = LightSampling { lamps: LampChoice::Learnt, lamp_weight: 8.0, ..plain };
     let [plain, learnt] = variances("market", 0.3, [plain, learnt]);
     assert!(learnt < 0.85 * plain, "variance {learnt} and {plain}");
-}
-
-#[test]
-fn more_shadow_rays_at_the_first_hit_leave_less_noise() {
-    let (mut renderer, view) = open_room();
-    let options = RenderOptions::default();
-    renderer.study_view(&view, &options, [96, 64]).expect("there is a structure");
-    let [(one, one_variance), (four, four_variance)] = [1, 4].map(|first_shadow_rays| {
-        let way = LightSampling { first_shadow_rays, ..LightSampling::default() };
-        let variance = noise(&mut renderer, way).relative_variance;
-        let mut film = Film::new([96, 64]);
-        let (_, counts) = renderer.render(&view, &options, &mut film).expect("there is a structure");
-        (counts.shadow_rays as f64, variance)
-    });
-    assert!((four / one - 4.0).abs() < 0.3, "{four} and {one} rays");
-    assert!(four_variance < 0.6 * one_variance, "variance {four_variance} and {one_variance}");
 }
 
 #[test]

@@ -33,11 +33,9 @@ pub(super) fn radiance<I: Intersector>(
         };
         counts.hits += 1;
         let (random, vertex) = (path.random, path.vertex);
-        let first = frame.first_hit(&path, &ray);
         let next =
             (kernel.vertex)(prepared, &frame.tracing, &mut path, &mut ray, &hit, &mut radiance, &mut shadow);
-        let own = (next.shadow && frame.keeps_shadow(random, vertex, &mut shadow)).then_some(shadow);
-        for shadow in own.into_iter().chain(frame.further_shadows(first, &hit)) {
+        if next.shadow && frame.roulette.keeps_shadow(random, vertex, &mut shadow) {
             counts.shadow_rays += 1;
             if !intersector.occluded(&shadow.ray) {
                 radiance += shadow.light;

@@ -35,18 +35,15 @@ pub(super) struct Buffers {
 const NO_RAY: Ray = Shadow::BLANK.ray;
 
 impl Buffers {
-    /// For tiles of so many pixels, and as many shadow rays at a time.
-    fn reserve(&mut self, pixels: usize, shadows: usize) {
+    fn reserve(&mut self, pixels: usize) {
         if self.paths.len() < pixels {
             self.paths.resize(pixels, Path::new(0, PathRandom::default(), Vec3::ZERO));
             self.rays.resize(pixels, NO_RAY);
             self.hits.resize(pixels, None);
+            self.shadow_rays.resize(pixels, NO_RAY);
+            self.shadow_light.resize(pixels, (Vec3::ZERO, 0));
+            self.occluded.resize(pixels, false);
             self.radiance.resize(pixels, Vec3::ZERO);
-        }
-        if self.occluded.len() < shadows {
-            self.shadow_rays.resize(shadows, NO_RAY);
-            self.shadow_light.resize(shadows, (Vec3::ZERO, 0));
-            self.occluded.resize(shadows, false);
         }
     }
 }
@@ -61,7 +58,7 @@ pub(super) fn render<I: Intersector>(
     counts: &mut Counts,
 ) {
     let pixels = tile.sums.len();
-    buffers.reserve(pixels, pixels * usize::from(frame.first_shadow_rays));
+    buffers.reserve(pixels);
     let mut active = 0;
     for pixel in 0..pixels as u32 {
         if let Some((path, ray)) = frame.begin(tile, pixel) {
@@ -199,20 +196,15 @@ impl Buffers {
                 continue;
             };
             counts.hits += 1;
-            let first = frame.first_hit(path, ray);
             let together = lane.and_then(|lane| chunk.scatter(lane.into(), path, ray, &mut shadow));
             let next = together.unwrap_or_else(|| {
                 (frame.kernel.vertex)(prepared, &frame.tracing, path, ray, hit, radiance, &mut shadow)
             });
-            let mut cast = |shadow: &Shadow| {
+            if next.shadow && frame.roulette.keeps_shadow(random, vertex, &mut shadow) {
                 shadow_rays[*shadows] = shadow.ray;
                 shadow_light[*shadows] = (shadow.light, pixel);
                 *shadows += 1;
-            };
-            if next.shadow && frame.keeps_shadow(random, vertex, &mut shadow) {
-                cast(&shadow);
             }
-            frame.further_shadows(first, hit).for_each(|shadow| cast(&shadow));
             if next.goes_on && frame.keeps_path(vertex, path) {
                 if *kept < index {
                     paths[*kept] = paths[index];

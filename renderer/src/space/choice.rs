@@ -76,7 +76,6 @@ pub(super) fn of_light(complete: &Configuration, base: &Choice) -> Choice {
         sky: values.word("sky", default.sky),
         sky_share: values.number("sky_share", default.sky_share),
         learnt_shares: values.text("shares") == Some("learnt"),
-        first_shadow_rays: default.first_shadow_rays,
         shadow_roulette: values.number("shadow_roulette", default.shadow_roulette),
         path_roulette: values.number("path_roulette", default.path_roulette),
     };
