@@ -22,6 +22,9 @@
 //!   before or after. So neither noise nor a change of the machine's speed hides regret.
 //! - One frame that was read wrongly decides for few others. A frame that did not explore counts as ten usual
 //!   ones at most. One far below the others is no reference, and where two contradict, a third is measured.
+//! - One trial that was read wrongly costs no more than its reserve: of the dearest overstep of a session as
+//!   much is charged as another trial has overstepped its own reserve by. So a client that keeps to its caps
+//!   is charged in full, and one that does not from its second overstep on.
 //! - A trial that is handed out again because its report never came may have been run each time. The reserved
 //!   cost is charged and reserved once more. If too little is left, the client gets another answer.
 //! - A trial that comes back without a cost, or never, stays charged with its worst case. Trials that did
@@ -68,6 +71,30 @@ struct Charge {
     before: f64,
 }
 
+/// The costs beyond their reserves of the two trials of a session that went furthest. The dearest one is
+/// charged as much of it as the second.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+struct Oversteps {
+    dearest: f64,
+    second: f64,
+}
+
+impl Oversteps {
+    fn is_none(&self) -> bool {
+        *self == Oversteps::default()
+    }
+
+    /// Notes a trial's cost beyond its reserve. Returns the part of it that another trial bears out, and the
+    /// part of the dearest one before that this one bears out.
+    fn note(&mut self, beyond: f64) -> (f64, f64) {
+        assert!(beyond > 0.0, "{beyond} is no overstep");
+        let charged = beyond.min(self.dearest);
+        let borne_out = (charged - self.second).max(0.0);
+        *self = Oversteps { dearest: self.dearest.max(beyond), second: self.second.max(charged) };
+        (charged, borne_out)
+    }
+}
+
 /// One client's account. Opaque to the store, exact through serde.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Account {
@@ -87,6 +114,9 @@ pub struct Account {
     out: BTreeMap<u64, f64>,
     /// Trials that are charged in full until the next frame of the reference.
     unsettled: Vec<Charge>,
+    /// The costs of the trials that went furthest beyond their reserves.
+    #[serde(default, skip_serializing_if = "Oversteps::is_none")]
+    oversteps: Oversteps,
     /// The state the client is in, and the last frames there that did not explore.
     state_id: u64,
     references: Vec<f64>,
@@ -256,6 +286,18 @@ impl Account {
         }
     }
 
+    /// The cost that a trial is charged: all of it up to its reserve, and of the rest what another trial
+    /// bears out. What this one bears out of another is charged now.
+    fn believed(&mut self, cost: f64, reserve: f64) -> f64 {
+        let beyond = cost - reserve;
+        if beyond <= 0.0 {
+            return cost;
+        }
+        let (charged, borne_out) = self.oversteps.note(beyond);
+        add(&mut self.charged, borne_out);
+        reserve + charged
+    }
+
     /// Takes a report. `cost` is the frame's cost, if it is known. Trials of other sessions are ignored.
     pub(super) fn report(&mut self, trial: u64, state_id: u64, cost: Option<f64>, is_default: bool) {
         if trial < self.first_trial {
@@ -264,7 +306,7 @@ impl Account {
         if let Some(worst) = self.out.remove(&trial) {
             let before = self.cheapest();
             // A trial without a cost is charged its reserved cost.
-            let charge = Charge { cost: cost.unwrap_or(worst), before };
+            let charge = Charge { cost: cost.map_or(worst, |cost| self.believed(cost, worst)), before };
             if cost.is_none() || !before.is_finite() || self.state_id != state_id {
                 add(&mut self.charged, charge.cost);
             } else {
@@ -377,6 +419,35 @@ mod tests {
         assert!((account.left(0.1) - 25.0).abs() < 1e-6, "it stays charged in full");
         account.report(102, 1, Some(10.0), false);
         assert!((account.left(0.1) - 35.0).abs() < 1e-6);
+    }
+
+    #[test]
+    fn one_absurd_trial_is_charged_its_reserve_and_a_second_bears_it_out() {
+        let after = |costs: &[f64]| {
+            let mut account = with_frames(400);
+            for (trial, &cost) in (1000..).zip(costs) {
+                account.set_aside(trial, 20.0);
+                account.report(trial, 1, Some(cost), false);
+            }
+            account.left(0.1)
+        };
+        let close = |costs: &[f64], charged: f64| {
+            let left = after(costs);
+            assert!((left - (400.0 - charged)).abs() < 1e-9, "{left} after {costs:?}");
+        };
+        for wild in [1e15, f64::MAX] {
+            close(&[wild], 20.0);
+            close(&[wild, 15.0], 35.0);
+            // A second one says how much of the first is believed.
+            close(&[wild, 25.0], 50.0);
+            close(&[25.0, wild], 50.0);
+            close(&[wild, 25.0, 30.0], 85.0);
+            close(&[30.0, wild, 25.0], 85.0);
+            assert!(after(&[wild, wild]) < -1e14, "two are charged in full");
+        }
+        // Who oversteps again and again is charged all but what the dearest cost more than the second.
+        close(&[22.0; 10], 220.0);
+        close(&[22.0, 24.0, 23.0], 68.0);
     }
 
     #[test]

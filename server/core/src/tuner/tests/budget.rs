@@ -236,6 +236,47 @@ proptest! {
     }
 }
 
+/// The longest run of frames in which the budget does not allow the client to explore, where the cost of one
+/// exploring trial is read as `wild`: the one after `before` others.
+fn longest_wait(policy: Policy, can_abort: bool, before: usize, wild: f64) -> usize {
+    let mut tuner = tuner(policy);
+    let (mut explored, mut waited, mut longest) = (0, 0, 0);
+    for _ in 0..400 {
+        let question = Ask { can_abort, ..ask("a", 0.5, 0.5) };
+        let trial = tuner.suggest(&question, 0).expect("valid").0;
+        let waits = trial.reason().explanation.rule == Some(Rule::Budget);
+        waited = if waits { waited + 1 } else { 0 };
+        longest = longest.max(waited);
+        let cap = trial.decision.abort_above().filter(|_| can_abort).unwrap_or(f64::INFINITY);
+        let explores = trial.mode() == Mode::Explore;
+        let is_wild = explores && explored == before;
+        explored += usize::from(explores);
+        let spent = if is_wild { wild } else { cost(&trial).min(cap) };
+        let is_stopped = cost(&trial) > cap;
+        let outcome = if is_stopped { Outcome::Aborted { lower_bound: spent } } else { Outcome::Ok };
+        assert!(tuner.report(&trial, measured(spent), outcome, 1).is_ok());
+    }
+    assert!(explored > before + 3, "{explored} trials");
+    longest
+}
+
+/// Who stops trials makes up for a charge of two references, of which one comes back, within ten frames, and
+/// earns the next cap within twenty. Who does not is charged twenty, and a frame earns half of one. The
+/// reference falls to less than half meanwhile, and so does what a frame earns.
+#[test]
+fn one_absurd_exploring_trial_uses_up_no_budget() {
+    let stops = Policy { regret_budget: Some(0.1), abort_above: Some(2.0), ..explore_always() };
+    let runs_on = Policy { regret_budget: Some(0.5), worst_factor: 20.0, ..explore_always() };
+    for wild in [1e9, 1.7e15, f64::MAX] {
+        for before in [0, 1, 4] {
+            let waits = longest_wait(stops.clone(), true, before, wild);
+            assert!(waits <= 60, "{waits} frames after {wild:e}, the trial after {before} others");
+            let waits = longest_wait(runs_on.clone(), false, before, wild);
+            assert!(waits <= 150, "{waits} frames after {wild:e}, the trial after {before} others");
+        }
+    }
+}
+
 #[test]
 fn a_trial_that_is_handed_out_again_is_charged_again() {
     let policy = Policy { regret_budget: Some(0.1), abort_above: Some(1.5), ..exploit_always() };
