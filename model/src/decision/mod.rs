@@ -42,6 +42,9 @@ pub struct Decision {
     /// Its client renewed the lease and so shows that it lives, which makes its silence significant.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub heartbeat: bool,
+    /// An earlier session of its client ended without a report of it, and without giving it back.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub left_behind: bool,
     /// The name of the cheaper level at which the trial runs; `None` at the full one. What is measured there
     /// is no cost of the configuration.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -358,6 +361,7 @@ impl Choice {
             session: 0,
             lost_leases: 0,
             heartbeat: false,
+            left_behind: false,
             fidelity: None,
             adopted: None,
         }

@@ -3,12 +3,15 @@
 //! One lost lease says little: networks fail and people end programs. A configuration without any measurement
 //! in a state whose lease is lost there again is taken to crash or hang its client. Handing it to one client
 //! after the other would stop them all. It then counts as infeasible in that state, and its trial says why. A
-//! lease is also lost where its client comes back in another session while it still runs. The silence of a
-//! client without sessions that never renewed a lease, such as a script, says nothing: a person may have
-//! pressed Ctrl-C. A client that gives a trial back loses no lease. The default never counts as crashing:
-//! clients run it without asking, and exploring would have nothing left to be weighed against. Neither does a
-//! client's own default, its start. A start to be measured goes to the next client that asks with it, until
-//! as many of its leases were lost. Then nobody measures it as a start any more.
+//! lease is also lost where its client comes back in another session while it still runs.
+//!
+//! A lost lease counts only where the client had shown that it runs the trial, by renewing the lease. The
+//! silence of any other client says nothing, with a session or without: a person may have pressed Ctrl-C. But
+//! a trial that one session after the other leaves behind counts from the second on, or a program that it
+//! crashes at once would get it for ever. A client that gives a trial back loses no lease. The default never
+//! counts as crashing: clients run it without asking, and exploring would have nothing left to be weighed
+//! against. Neither does a client's own default, its start. A start to be measured goes to the next client
+//! that asks with it, until as many of its leases were lost. Then nobody measures it as a start any more.
 
 use crate::ids::{StateId, TrialNumber};
 use crate::limits::LEASES_LOST_MAX;
@@ -26,7 +29,9 @@ impl Tuner {
     /// Ends an open trial whose lease was lost. The change has no states: they are the caller's to add.
     pub(super) fn lose(&mut self, number: TrialNumber, now_ms: i64) -> Change {
         let ended_ms = self.trials.get(number).map_or(i64::MAX, |trial| trial.lease_expire_ms);
-        let lost_leases = if ended_ms <= self.pardoned_until_ms { 0 } else { self.note_lost(number) };
+        let was_alive = self.trials.get(number).is_some_and(|trial| trial.decision.heartbeat);
+        let is_pardoned = ended_ms <= self.pardoned_until_ms;
+        let lost_leases = if is_pardoned { 0 } else { self.note_lost(number, was_alive) };
         let infeasible = (lost_leases >= LEASES_LOST_MAX).then(|| self.give_up(number, lost_leases, now_ms));
         infeasible.flatten().unwrap_or_else(|| {
             let expired = self.take_back(number, TrialState::Expired);
@@ -42,7 +47,8 @@ impl Tuner {
         if !is_restarted(ask, held) {
             return None;
         }
-        let lost_leases = self.note_lost(number);
+        let was_alive = held.decision.heartbeat || held.decision.left_behind;
+        let lost_leases = self.note_lost(number, was_alive);
         if lost_leases >= LEASES_LOST_MAX {
             return self.give_up(number, lost_leases, now_ms);
         }
@@ -50,7 +56,9 @@ impl Tuner {
             let expired = self.take_back(number, TrialState::Expired);
             return Some(Change { trials: expired.into_iter().collect(), ..Change::default() });
         }
-        self.trials.hold_by(number, ask.session, lost_leases);
+        let all_lost =
+            self.trials.get(number).map_or(0, |held| self.searches.lost(state, &held.configuration));
+        self.trials.hold_by(number, ask.session, all_lost);
         None
     }
 
@@ -62,15 +70,15 @@ impl Tuner {
 
     /// Counts a lost lease of an open trial's configuration, and returns their number in the state. It is 0
     /// for the default, for the client's own one, for a measured configuration, and where the client's
-    /// silence says nothing. Those of a start that is to be measured are counted by themselves.
-    fn note_lost(&mut self, number: TrialNumber) -> u32 {
+    /// silence says nothing, since it never showed that it lives. Those of a start that is to be measured are
+    /// counted by themselves.
+    fn note_lost(&mut self, number: TrialNumber, was_alive: bool) -> u32 {
         let Some(trial) = self.trials.get(number) else { return 0 };
         let (state, configuration) = (StateId(trial.state_id), trial.configuration.clone());
         let record = self.states.results(state).record(&configuration);
         let was_measured = record.is_some_and(|record| record.measurements > 0);
         let default = self.spec.space.default_ref();
         let is_default = configuration == *default || runs_start(trial, default);
-        let was_alive = trial.decision.session != 0 || trial.decision.heartbeat;
         if trial.decision.measures_start() && !was_measured {
             self.searches.note_lost_start(state, &configuration);
         }

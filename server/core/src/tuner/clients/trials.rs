@@ -116,10 +116,12 @@ impl OpenTrials {
     }
 
     /// Notes the session that holds an open trial now, and the number of lost leases of its configuration.
-    /// Another session has not shown yet that it runs the trial.
+    /// Another session has not shown yet that it runs the trial, which the one before left behind.
     pub(crate) fn hold_by(&mut self, number: TrialNumber, session: u64, lost_leases: u32) {
         if let Some(trial) = self.open.get_mut(&number) {
-            trial.decision.heartbeat &= trial.decision.session == session;
+            let is_another = trial.decision.session != session;
+            trial.decision.heartbeat &= !is_another;
+            trial.decision.left_behind |= is_another;
             (trial.decision.session, trial.decision.lost_leases) = (session, lost_leases);
         }
     }

@@ -162,18 +162,19 @@ fn the_silence_of_a_client_that_never_showed_that_it_lives_outlaws_nothing() {
         let again = tuner.suggest(&ask("shell", 0.5, 0.5), now_ms).expect("valid").0;
         assert_eq!(again.configuration, first.configuration, "it is still worth a try");
     }
-    // A client with sessions lives as long as one of them, and one that gives a trial back has said goodbye.
+    // A session alone is no sign of life, and who gives a trial back has said goodbye.
     let session = Ask { session: 7, ..ask("program", 0.5, 0.5) };
-    for lost in 0..3 {
+    for (lives, is_lost) in [(false, true), (false, true), (true, false), (false, true), (true, true)] {
         let trial = tuner.suggest(&session, now_ms).expect("valid").0;
-        let is_lost = lost % 2 == 0;
         let before = tuner.searches.lost(StateId(1), &trial.configuration);
+        if lives {
+            assert!(tuner.extend_lease(&trial, now_ms).is_ok());
+        }
         let _ = if is_lost { tuner.expire(now_ms + 60_001) } else { tuner.abandon(&trial).expect("open").1 };
         now_ms += 60_001;
-        let results = tuner.states.results(StateId(1));
-        let outlawed = results.is_infeasible(&trial.configuration);
         let count = tuner.searches.lost(StateId(1), &trial.configuration);
-        assert!(if is_lost { count == before + 1 || outlawed } else { count == before }, "{lost}");
+        assert_eq!(count, before + u32::from(lives && is_lost), "{lives}, {is_lost}");
+        assert!(!tuner.states.results(StateId(1)).is_infeasible(&trial.configuration));
     }
 }
 
@@ -310,6 +311,7 @@ fn a_client_that_was_started_anew_has_lost_its_lease() {
     let (first, _) = session(&mut tuner, 7);
     let (again, _) = session(&mut tuner, 7);
     assert_eq!((again.number, again.decision.lost_leases), (first.number, 0), "its answer was lost");
+    assert!(tuner.extend_lease(&first, 10).is_ok(), "it runs it");
     let (restarted, change) = session(&mut tuner, 8);
     assert_eq!((restarted.number, restarted.decision.lost_leases), (first.number, 1));
     assert_eq!(change.states.len(), 1, "a restart of the daemon does not forget it");
@@ -317,6 +319,29 @@ fn a_client_that_was_started_anew_has_lost_its_lease() {
     assert_ne!(other.configuration, first.configuration);
     let given_up = change.trials.iter().find(|trial| trial.number == first.number).expect("reported");
     assert!(matches!(given_up.outcome, Some(Outcome::Infeasible { .. })), "{given_up:?}");
+}
+
+#[test]
+fn a_program_that_is_interrupted_twice_outlaws_nothing_and_a_crash_goes_on_for_few_starts() {
+    let mut tuner = tuner(explore_always());
+    run(&mut tuner, "a", 0.5, 0.5, 2);
+    let begin = |tuner: &mut Tuner, session: u64| {
+        tuner.suggest(&Ask { session, ..ask("a", 0.5, 0.5) }, 10).expect("valid").0
+    };
+    let first = begin(&mut tuner, 1);
+    let lost: Vec<u32> = [2, 3]
+        .map(|session| begin(&mut tuner, session))
+        .iter()
+        .map(|again| {
+            assert_eq!(again.number, first.number, "who was interrupted gets it again");
+            again.decision.lost_leases
+        })
+        .collect();
+    assert_eq!(lost, [0, 1], "the first says nothing");
+    assert!(!tuner.states.results(StateId(1)).is_infeasible(&first.configuration));
+    let other = begin(&mut tuner, 4);
+    assert_ne!(other.configuration, first.configuration, "three programs did not come back from it");
+    assert!(tuner.states.results(StateId(1)).is_infeasible(&first.configuration));
 }
 
 #[test]
