@@ -99,9 +99,10 @@ pub(crate) fn turns(seed: u64) -> Figures {
     vec![("from the third visit".to_owned(), -mean(&regrets[VISITS_FROM * STATES * FRAMES..]))]
 }
 
-/// Two machines that want the opposite: in one study, and in studies of their own.
+/// Two machines that want the opposite: in one study, and in studies of their own. At last each machine of
+/// the one study has met as many contexts as the one of `fresh` at last.
 pub(crate) fn machines(seed: u64) -> Figures {
-    let session = |apart: bool| {
+    let session = |apart: bool, rounds: usize| {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         let mut tuners = [tuner(2, seed), tuner(2, 1000 + seed)];
         let mut round = |round: usize| {
@@ -110,8 +111,12 @@ pub(crate) fn machines(seed: u64) -> Figures {
             let tuner = &mut tuners[if apart { machine } else { 0 }];
             frame(tuner, &mut random, context, &[], Some(machine as u32))
         };
-        let regrets: Vec<f64> = (0..ROUNDS).map(&mut round).collect();
-        -mean(&regrets[ROUNDS_FROM..])
+        (0..rounds).map(&mut round).collect::<Vec<f64>>()
     };
-    vec![("together".to_owned(), session(false)), ("apart".to_owned(), session(true))]
+    let (together, apart) = (session(false, 2 * ROUNDS), session(true, ROUNDS));
+    vec![
+        ("together".to_owned(), -mean(&together[ROUNDS_FROM..ROUNDS])),
+        ("apart".to_owned(), -mean(&apart[ROUNDS_FROM..])),
+        ("together at last".to_owned(), -mean(&together[2 * LAST_FROM..])),
+    ]
 }

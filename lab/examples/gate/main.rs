@@ -16,7 +16,7 @@
 //! | contexts | regret where every round brings another context, from rounds 80 and 120 on; also beside 20 indicators that say nothing |
 //! | turns | regret in ten states that are visited in turn, from the third visit on |
 //! | table | share of the optimum where 63 % of the configurations cannot be run; infeasible trials; answers of a frozen study |
-//! | machines | regret on two machines with opposite optima, by fingerprint; never worse than studies of their own |
+//! | machines | regret on two machines with opposite optima, by fingerprint; never worse than studies of their own; also in rounds 240 to 320 |
 //! | changes | frames until an answer that became 10 % dearer is searched again, and whether within ten at 2 % of noise; false alarms in a thousand frames beside other programs |
 //! | answers | milliseconds of the best answer after 80, 160 and 320 trials; not recorded, below a bound |
 
