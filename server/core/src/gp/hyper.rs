@@ -100,7 +100,8 @@ impl Hyperparameters {
         Self::of(kinds, prior, kinds.len() + 2)
     }
 
-    pub(super) fn weights(&self, dimension: usize) -> Vec<f64> {
+    /// The weights of the features in squared distances.
+    pub(crate) fn weights(&self, dimension: usize) -> Vec<f64> {
         self.log[..dimension].iter().map(|&log| libm::exp(log)).collect()
     }
 

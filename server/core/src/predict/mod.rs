@@ -97,6 +97,13 @@ impl Query<'_> {
         found
     }
 
+    /// The `count` states of the asking machine nearest to the asked one in which something ran, nearest
+    /// first.
+    pub(crate) fn nearest_own(&self, count: usize) -> Vec<IndexEntry> {
+        let ran = |place: usize| self.known.get(place).is_some_and(|known| known.results.best().is_some());
+        self.state_index.nearest_own(self.machine, self.state, count, ran)
+    }
+
     /// A cost measured in a state, converted to the asking machine.
     pub(crate) fn translate(&self, known: &KnownState, cost: f64) -> f64 {
         self.machines.translate(known.machine, self.machine, cost)

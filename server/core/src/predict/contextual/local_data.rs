@@ -2,18 +2,26 @@
 //!
 //! Collecting them takes microseconds; they are shared with the study's tables, not copied. Fitting the
 //! process and searching for its least value take milliseconds, so callers do both without the study's lock.
+//!
+//! There is room for some hundred measurements. How much those of other machines say is learnt with the
+//! lengths: the machine is a feature of the process. So where they take the room of the machine's own, the
+//! nearest by these lengths are chosen when the process is fitted. Machines that rank configurations alike
+//! are near each other then, and those that do not are further away than any state of one's own.
 
+use std::collections::BTreeSet;
 use std::sync::Arc;
 
 use rand_chacha::ChaCha8Rng;
 
 use crate::configuration::Configuration;
+use crate::gp::kernel::squared_distance;
 use crate::gp::warping::RobustLog;
 use crate::gp::{Hyperparameters, Process, Sample, acquisition};
 use crate::matrix::dot;
 use crate::predict::contextual::lowest::LowestBound;
 use crate::predict::contextual::running::Running;
 use crate::predict::contextual::{FeatureMap, FitRequest, PRIOR};
+use crate::predict::state_index::IndexEntry;
 use crate::predict::{Answer, Estimate, Query, RUNS_LEAST, WORTH};
 use crate::results::{KnownState, Record, ResultTable};
 use crate::space::Space;
@@ -62,6 +70,8 @@ struct SourceState {
 pub(crate) struct LocalData {
     features: Arc<FeatureMap>,
     sources: Vec<SourceState>,
+    /// States of the asking machine that found no room among them, beside nearer ones of other machines.
+    crowded_out: Vec<SourceState>,
     /// The features of the asked state.
     state: Vec<f64>,
     /// The table of the asked state.
@@ -77,7 +87,9 @@ impl LocalData {
         }));
         found.sort_by(|a, b| a.distance_2.total_cmp(&b.distance_2).then(a.name.cmp(&b.name)));
         let (mut sources, mut quota, mut rows) = (Vec::new(), QUOTA_FIRST, 0);
-        for state in found.iter().filter_map(|found| query.known.get(found.name as usize)) {
+        let mut held = BTreeSet::new();
+        let known = |found: &IndexEntry| Some((found.name, query.known.get(found.name as usize)?));
+        for (name, state) in found.iter().filter_map(known) {
             let is_seldom = (1..DECIDING_ROWS).contains(&state.results.ranked().len());
             let most = if is_seldom { ROWS_MAX } else { ROWS_OFTEN_MAX };
             if rows >= most {
@@ -85,6 +97,7 @@ impl LocalData {
             }
             let taken = quota.min(most - rows);
             sources.push(SourceState::of(features, query, state, taken));
+            held.insert(name);
             let given = state.results.ranked().len().min(taken);
             rows += given;
             quota = if given > 0 { (quota / 2).max(QUOTA_LEAST) } else { quota };
@@ -92,6 +105,11 @@ impl LocalData {
                 break;
             }
         }
+        let is_shared = rows >= ROWS_OFTEN_MAX && query.machines.len() > 1;
+        let own = if is_shared { query.nearest_own(ROWS_MAX) } else { Vec::new() };
+        let crowded_out = own.iter().filter(|own| !held.contains(&own.name)).filter_map(known);
+        let crowded_out =
+            crowded_out.map(|(_, state)| SourceState::of(features, query, state, QUOTA_LEAST)).collect();
         let is_there =
             |here: &KnownState| found.iter().any(|found| found.name as usize + 1 == here.id.0 as usize);
         if let Some(here) = query.here.filter(|here| !is_there(here)) {
@@ -101,6 +119,7 @@ impl LocalData {
         LocalData {
             features: Arc::clone(features),
             sources,
+            crowded_out,
             state: features.state(query.state, query.machines.number(query.machine)),
             here: query.here.map(|here| Arc::clone(&here.results)),
         }
@@ -113,18 +132,41 @@ impl LocalData {
         2 * searched > self.sources.iter().map(rows).sum()
     }
 
-    /// The process of the measurements without those of the source at a place, the costs as it sees them, and
-    /// the records that it was fitted to.
-    fn fit(
+    /// The states whose measurements a process is fitted to: where states of the asking machine were crowded
+    /// out, those that are nearest by the process's own lengths, for as many measurements.
+    fn chosen(&self, hyper: &Hyperparameters) -> Vec<&SourceState> {
+        if self.crowded_out.is_empty() {
+            return self.sources.iter().collect();
+        }
+        let weights = hyper.weights(self.features.kinds.len());
+        let features = self.features.kinds.iter().zip(&weights);
+        let distance_2 = |source: &SourceState| -> f64 {
+            let pairs = features.clone().zip(self.state.iter().zip(&source.state));
+            pairs.map(|((kind, weight), (here, there))| weight * squared_distance(*kind, *here, *there)).sum()
+        };
+        let all = self.sources.iter().chain(&self.crowded_out);
+        let mut all: Vec<(f64, &SourceState)> = all.map(|source| (distance_2(source), source)).collect();
+        all.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let mut room: usize = self.sources.iter().map(SourceState::rows).sum();
+        let fits = |source: &&SourceState| {
+            let is_left = source.rows() <= room;
+            room -= if is_left { source.rows() } else { 0 };
+            is_left
+        };
+        all.into_iter().map(|(_, source)| source).filter(fits).collect()
+    }
+
+    /// The process of the measurements in some states, the costs as it sees them, and the records that it was
+    /// fitted to.
+    fn fit<'a>(
         &self,
         hyper: &Hyperparameters,
         space: &Space,
-        left_out: Option<usize>,
-    ) -> Option<(Process, RobustLog, Vec<&Record>)> {
+        sources: &[&'a SourceState],
+    ) -> Option<(Process, RobustLog, Vec<&'a Record>)> {
         let (mut points, mut counts): (Vec<Vec<f64>>, Vec<f64>) = Default::default();
         let (mut records, mut costs) = (Vec::new(), Vec::new());
-        let sources = self.sources.iter().enumerate().filter(|(place, _)| Some(*place) != left_out);
-        for (_, source) in sources {
+        for &source in sources {
             for record in source.records() {
                 let features = self.features.features(&space.encode(&record.configuration));
                 points.push([&source.state[..], &features].concat());
@@ -181,13 +223,21 @@ impl LocalData {
 
     /// Whether one configuration is expected to cost less than another without any single other state, too.
     /// A state unlike all others may be the nearest one, and what is best there costs much elsewhere.
-    fn is_borne_out(&self, hyper: &Hyperparameters, space: &Space, [own, other]: [&[f64]; 2]) -> bool {
+    fn is_borne_out(
+        &self,
+        hyper: &Hyperparameters,
+        space: &Space,
+        sources: &[&SourceState],
+        [own, other]: [&[f64]; 2],
+    ) -> bool {
         let is_here =
             |source: &SourceState| self.here.as_ref().is_some_and(|here| Arc::ptr_eq(here, &source.results));
         let decides = |source: &SourceState| !is_here(source) && source.rows() >= DECIDING_ROWS;
-        let mut deciding = (0..self.sources.len()).filter(|place| decides(&self.sources[*place]));
+        let mut deciding = (0..sources.len()).filter(|place| decides(sources[*place]));
         deciding.all(|place| {
-            let fit = self.fit(hyper, space, Some(place));
+            let mut others = sources.to_vec();
+            others.remove(place);
+            let fit = self.fit(hyper, space, &others);
             fit.is_some_and(|(process, ..)| {
                 process.difference(&process.context(&self.state), own, other).mean < 0.0
             })
@@ -203,7 +253,8 @@ impl LocalData {
         space: &Space,
         random: &mut ChaCha8Rng,
     ) -> Option<Answer> {
-        let (process, warping, records) = self.fit(hyper, space, None)?;
+        let sources = self.chosen(hyper);
+        let (process, warping, records) = self.fit(hyper, space, &sources)?;
         let context = process.context(&self.state);
         let running = self.running(space);
         let layout = &self.features.layout;
@@ -229,7 +280,7 @@ impl LocalData {
                 let [own, other] = [x, &space.encode(rival)].map(|x| self.features.features(x));
                 own != other
                     && acquisition::is_worth(process.difference(&context, &own, &other), WORTH)
-                    && self.is_borne_out(hyper, space, [&own, &other])
+                    && self.is_borne_out(hyper, space, &sources, [&own, &other])
             })
         };
         // A surely good point takes the place of one that may be best but is not worth its risk.
@@ -250,7 +301,7 @@ impl LocalData {
         space: &Space,
         configuration: &Configuration,
     ) -> Option<Estimate> {
-        let (process, warping, _) = self.fit(hyper, space, None)?;
+        let (process, warping, _) = self.fit(hyper, space, &self.chosen(hyper))?;
         let context = process.context(&self.state);
         let belief = process.at(&context, &self.features.features(&space.encode(configuration)));
         let variance = belief.deviation * belief.deviation + process.noise;
@@ -291,4 +342,58 @@ fn estimate(warping: &RobustLog, mean: f64, variance: f64) -> Estimate {
     let cost = warping.cost(mean);
     let above = warping.cost(mean + variance.sqrt());
     Estimate::new(cost, above - cost)
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::{RngExt, SeedableRng};
+
+    use super::*;
+    use crate::ids::MachineId;
+    use crate::predict::tests::World;
+    use crate::trial::Outcome;
+
+    /// The place of the machine among the features of a state of two indicators.
+    const MACHINE: usize = 2;
+
+    /// A world in which every trial finds another state, on the machines in turn.
+    fn fresh(machines: u64) -> World {
+        let mut world = World::new(1, 2);
+        let mut random = ChaCha8Rng::seed_from_u64(3);
+        for round in 0..400 {
+            let state: [f64; 2] = random.random();
+            let cost = 1.0 + random.random::<f64>();
+            world.take(&state, &[random.random()], Outcome::Ok, Some(cost), 10 * (1 + round % machines));
+        }
+        world
+    }
+
+    #[test]
+    fn machines_take_the_room_of_ones_own_states_as_far_as_they_are_alike() {
+        let world = fresh(2);
+        let features = FeatureMap::of(&world.space, 2);
+        let data = LocalData::new(&features, &world.query(&[0.5, 0.5]));
+        let own = world.machines.number(MachineId(0)) as f64;
+        let chosen = |machine_weight: f64| {
+            let count = features.kinds.len() + 1;
+            let mut log = vec![0.0; count];
+            log[MACHINE] = libm::log(machine_weight);
+            let plain = serde_json::json!({ "log": log, "steps": vec![0.3; count], "signs": vec![0; count] });
+            let hyper: Hyperparameters = serde_json::from_value(plain).expect("plain data");
+            let chosen = data.chosen(&hyper);
+            let of_own = chosen.iter().filter(|source| source.state[MACHINE] == own).count();
+            (chosen.len(), of_own)
+        };
+        let (all, of_own) = chosen(1e-6);
+        assert!(all == ROWS_MAX && (50..=110).contains(&of_own), "{of_own} of {all} where they are alike");
+        assert_eq!(chosen(100.0), (ROWS_MAX, ROWS_MAX), "others say nothing");
+    }
+
+    #[test]
+    fn one_machine_crowds_nothing_out() {
+        let world = fresh(1);
+        let features = FeatureMap::of(&world.space, 2);
+        let data = LocalData::new(&features, &world.query(&[0.5, 0.5]));
+        assert!(data.crowded_out.is_empty() && data.sources.len() == ROWS_MAX, "{}", data.sources.len());
+    }
 }

@@ -123,6 +123,18 @@ impl StateIndex {
         nearest.first().map(|found| found.name as usize)
     }
 
+    /// The `count` nearest states of a machine that pass `filter`, nearest first.
+    pub(crate) fn nearest_own(
+        &self,
+        machine: MachineId,
+        state: &[f64],
+        count: usize,
+        filter: impl Fn(usize) -> bool,
+    ) -> Vec<IndexEntry> {
+        let Some(tree) = self.all.get(&machine) else { return Vec::new() };
+        tree.nearest(state, &self.weights, count, &mut |name| filter(name as usize).then_some(0.0))
+    }
+
     /// The nearest state within a tolerance for each machine, the first one first.
     pub(crate) fn within_each(&self, state: &[f64], tolerance: f64) -> impl Iterator<Item = usize> {
         self.all.values().filter_map(move |tree| Some(tree.within(state, tolerance)?.name as usize))
