@@ -94,6 +94,15 @@ pub fn reach_of(deviation: f64) -> f64 {
     (REACH * deviation).max(REACH_LEAST)
 }
 
+/// Draws logarithms of costs in which several others contradict. Of fewer than four none does.
+pub fn draw_in(logs: &mut [f64]) {
+    if logs.len() >= OUTLIER_AFTER {
+        let middle = location(logs);
+        let reach = WILD * deviation(logs, middle).max(SPREAD_LEAST);
+        logs.iter_mut().for_each(|log| *log = log.clamp(middle - reach, middle + reach));
+    }
+}
+
 /// The median absolute deviation from a location, as an estimate of the standard deviation.
 pub fn deviation(values: &[f64], location: f64) -> f64 {
     let mut distances: Vec<f64> = values.iter().map(|value| (value - location).abs()).collect();
@@ -267,12 +276,7 @@ impl Evidence {
         let believed = trusted(&self.recent, None).into_iter();
         let mut logs: Vec<f64> =
             believed.map(|place| libm::log(self.recent[place].max(f64::MIN_POSITIVE))).collect();
-        // Those that several others contradict are drawn in; of fewer than four none is.
-        if logs.len() >= OUTLIER_AFTER {
-            let middle = location(&logs);
-            let reach = WILD * deviation(&logs, middle).max(SPREAD_LEAST);
-            logs.iter_mut().for_each(|log| *log = log.clamp(middle - reach, middle + reach));
-        }
+        draw_in(&mut logs);
         let count = logs.len() as f64;
         let mean = logs.iter().sum::<f64>() / count.max(1.0);
         let scatter: f64 = logs.iter().map(|log| (log - mean) * (log - mean)).sum();

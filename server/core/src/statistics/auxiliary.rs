@@ -65,7 +65,7 @@ pub struct Denoiser {
     means: Vec<f64>,
     slopes: Vec<f64>,
     /// 0 leaves costs as they were measured, 1 takes the predicted ones.
-    weight: f64,
+    pub(crate) weight: f64,
 }
 
 /// Means over `count` observations of one configuration, or differences that weigh as much.

@@ -33,7 +33,7 @@ pub struct Speed {
     /// The last innovation went over the gate: the next one decides whether it was a jump or a wild
     /// measurement.
     suspects: Option<f64>,
-    jumps: u64,
+    pub(crate) jumps: u64,
 }
 
 impl Speed {

@@ -45,7 +45,7 @@ pub(crate) struct Walk<'a> {
 impl Walk<'_> {
     fn transfer(&self) -> Transfer<'_> {
         let Walk { spec, trials, models, .. } = *self;
-        Transfer { spec, states: &*self.states, searches: &*self.searches, trials, models }
+        Transfer { spec, states: &*self.states, searches: &*self.searches, trials, models, asking: None }
     }
 
     /// Makes sure that the state has a search of the policy's kind, unless its budget is spent. Trials that

@@ -220,7 +220,7 @@ impl Auxiliaries {
         }
         let (knew, knew_movement) = (own.denoiser.is_some(), own.movement.is_some());
         own.learn();
-        let weight = own.denoiser.as_ref().map_or(0.0, Denoiser::weight);
+        let weight = own.denoiser.as_ref().map_or(0.0, |denoiser| denoiser.weight);
         let mut explains_more = own.denoiser.is_some() && (!knew || weight > own.weight + WEIGHT_GROWN);
         if !knew_movement && let Some(movement) = &own.movement {
             let explained = own.seen.iter().map(|one| movement.explained(&one.offset).abs());

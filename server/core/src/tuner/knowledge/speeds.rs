@@ -154,11 +154,11 @@ impl Speeds {
                 client.own_noise = known.evidence.log_deviation(noise).max(noise);
             }
             let noise = client.own_noise.max(noise) * (1.0 + 1.0 / known.evidence.count() as f64).sqrt();
-            let (jumps, off) = (client.speed.jumps(), client.speed.deviations(cost, known.mean_cost, noise));
+            let (jumps, off) = (client.speed.jumps, client.speed.deviations(cost, known.mean_cost, noise));
             client.speed.hold(cost, known.mean_cost, noise);
             // What may be an accident waits for the next measurement.
             is_shifted = client.shifts.take(off) && !client.speed.is_suspicious();
-            if client.speed.jumps() > jumps {
+            if client.speed.jumps > jumps {
                 jumped = Some(std::mem::take(&mut client.unheld));
                 is_shifted = false;
                 (client.since, client.is_calm, client.settling) = (0, false, SETTLING);
