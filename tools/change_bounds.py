@@ -6,8 +6,9 @@
 The bound is the cumulative sum that knows the size of the change, the noise and all costs before (Page 1954; no method
 has a shorter worst delay for its rate of false alarms: Moustakides 1986), with one false alarm in 10,000 frames. "In
 turns" it compares two configurations, because nobody knows the speed of the machine. The rule is that of
-`server/core/src/statistics/drift.rs` and `server/core/src/tuner/rechecks.rs`, with noise estimated to a tenth. Two
-frames are added to its delays: the first of another search is the default, and the second tries a configuration.
+`server/core/src/statistics/drift.rs` and `server/core/src/tuner/knowledge/rechecks.rs`, with noise estimated to a
+tenth. Two frames are added to its delays: the first of another search is the default, and the second tries a
+configuration.
 """
 
 import math

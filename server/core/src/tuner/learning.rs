@@ -97,6 +97,9 @@ impl Learning<'_> {
         let state = StateId(trial.state_id);
         // A trial carried over from elsewhere says nothing of the speed of the machine here.
         let is_own = trial.outcome.is_some() && !is_silent(trial) && trial.decision.origin.is_none();
+        if is_own && trial.outcome != Some(Outcome::Ok) {
+            self.rechecks.give_up((&trial.client_id, state), &trial.configuration);
+        }
         let Some(cost) = trial.cost.filter(|_| is_own) else { return unchanged };
         if trial.outcome != Some(Outcome::Ok) {
             let factor = self.speeds.pace_of(&self.spec.policy, &trial.client_id);

@@ -10,6 +10,10 @@
 //! (Wald, "Sequential tests of statistical hypotheses", Annals of Mathematical Statistics 16, 1945). So a
 //! clear case takes two pairs, and a machine that became slower often one.
 //!
+//! One client measures. Where it wants no exploring, or is not heard of any more, the next one that runs the
+//! shifted configuration takes its place. A run of one of the two without a result ends the recheck, so that
+//! nobody is asked again for what cannot be run any more.
+//!
 //! All of it follows from the completed trials in their order, so a restored tuner has it again.
 
 use std::collections::BTreeMap;
@@ -27,8 +31,10 @@ use crate::tuner::knowledge::Stored;
 /// waited for.
 const RATIOS_LEAST: usize = 2;
 const RATIOS_MAX: usize = 6;
-/// Trials of a state after which a recheck without enough ratios is dropped.
+/// Trials of clients that measure after which a recheck without enough ratios is dropped, and trials of
+/// others between two of them after which another client measures.
 const TRIALS_MAX: u64 = 32;
+const UNHEARD_MAX: u64 = 256;
 /// Number of measurements after which the cost of the shifted configuration, or of the second one, is known.
 const SHIFTED_LEAST: usize = 4;
 const BESIDE_LEAST: usize = 2;
@@ -61,7 +67,7 @@ struct Run {
 /// The recheck of one state.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 struct Recheck {
-    /// The client that saw the shift, and alone measures.
+    /// The client that alone measures: the one that saw the shift, or one that took its place.
     client_id: String,
     /// The configuration whose cost shifted, and the one that is run beside it.
     shifted: Stored,
@@ -69,8 +75,9 @@ struct Recheck {
     /// Logarithm of the cost of the second over that of the first, as known before, and its variance.
     log_ratio: f64,
     ratio_variance: f64,
-    /// Logarithm of the cost that was expected of the first at the machine's speed before the shift.
-    log_expected: f64,
+    /// Logarithm of the cost that was expected of the first at the machine's speed before the shift; `None`
+    /// where the client took the place of another.
+    log_expected: Option<f64>,
     /// The noise of one measurement.
     noise: f64,
     last: Option<Run>,
@@ -79,7 +86,13 @@ struct Recheck {
     /// Logarithms of the ratios seen, over the known one, and of the first one's costs over the expected one.
     changes: Vec<f64>,
     shifts: Vec<f64>,
+    /// The trials of clients that measured, and those of others since the last of these.
     trials: u64,
+    #[serde(default)]
+    unheard: u64,
+    /// The client ran the first one again where the second was due: it wants no exploring.
+    #[serde(default)]
+    is_declined: bool,
 }
 
 impl Recheck {
@@ -93,6 +106,7 @@ impl Recheck {
             return;
         }
         let last = self.last.replace(Run { is_shifted, log_cost });
+        self.is_declined |= is_shifted && last.is_some_and(|last| last.is_shifted);
         let of_other = last.filter(|last| last.is_shifted != is_shifted).map(|last| last.log_cost);
         if !is_shifted {
             self.before = of_other;
@@ -103,8 +117,21 @@ impl Recheck {
             && (log_cost - before).abs() <= APART * SQRT_2 * self.noise
         {
             self.changes.push(beside - log_cost - self.log_ratio);
-            self.shifts.push(log_cost - self.log_expected);
+            self.shifts.extend(self.log_expected.map(|expected| log_cost - expected));
             assert!(self.changes.len() <= RATIOS_MAX, "{} ratios", self.changes.len());
+        }
+    }
+
+    /// Takes a run of another client, which measures from now on where the one before does not.
+    fn note_other(&mut self, client_id: &str, configuration: &Configuration, log_cost: f64) {
+        self.unheard = self.unheard.saturating_add(1);
+        let is_idle = self.is_declined || self.unheard >= UNHEARD_MAX;
+        if is_idle && *configuration == self.shifted.0 {
+            client_id.clone_into(&mut self.client_id);
+            (self.last, self.before) = (Some(Run { is_shifted: true, log_cost }), None);
+            (self.unheard, self.is_declined, self.log_expected) = (0, false, None);
+            self.changes.clear();
+            self.shifts.clear();
         }
     }
 
@@ -114,21 +141,26 @@ impl Recheck {
             return None;
         }
         let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
-        let (change, shift) = (mean(&self.changes), mean(&self.shifts));
+        let change = mean(&self.changes);
+        let shift = self.log_expected.map(|_| mean(&self.shifts));
+        assert!(shift.is_none() || self.shifts.len() == ratios, "{} shifts", self.shifts.len());
         let variance = 2.0 * self.noise * self.noise / ratios as f64 + self.ratio_variance;
         assert!(variance > 0.0, "a variance of {variance}");
         // The logarithm of the likelihood of a change by `size` over that of none, where `seen` was seen.
         let evidence = |size: f64, seen: f64| size * (seen - size / 2.0) / variance;
         let of_change = evidence(CHANGE, change.abs());
         // A shift that the ratio does not share is the machine's.
-        let shares = change * shift < 0.0 && change.abs() >= shift.abs() / 2.0;
-        let bound = if shares && shift.abs() >= CHANGE / 2.0 { EXPLAINED } else { UNEXPLAINED };
+        let shares = |shift: f64| {
+            change * shift < 0.0 && change.abs() >= shift.abs() / 2.0 && shift.abs() >= CHANGE / 2.0
+        };
+        let bound = if shift.is_some_and(shares) { EXPLAINED } else { UNEXPLAINED };
         let agree = self.changes.iter().all(|one| one * change > 0.0);
         if ratios >= RATIOS_LEAST && agree && of_change >= bound {
             return Some(Moved::State);
         }
-        let of_shift = evidence(CHANGE.max(shift.abs()), -change * shift.signum());
-        let is_none = of_change <= UNCHANGED || of_change <= 0.0 && of_shift <= UNCHANGED;
+        let is_machine =
+            |shift: f64| evidence(CHANGE.max(shift.abs()), -change * shift.signum()) <= UNCHANGED;
+        let is_none = of_change <= UNCHANGED || of_change <= 0.0 && shift.is_some_and(is_machine);
         (is_none || ratios == RATIOS_MAX).then_some(Moved::Machine)
     }
 }
@@ -164,25 +196,31 @@ impl Rechecks {
         let parts = [before, beside].map(|record| 1.0 / record.evidence.count() as f64);
         assert!(before.configuration != beside.configuration, "one configuration tells nothing");
         assert!(before.mean_cost > 0.0 && beside.mean_cost > 0.0, "costs have logarithms");
+        if self.open.contains_key(&state.0) {
+            return;
+        }
         if self.open.len() >= RECHECKS_MAX {
             self.open.pop_first();
         }
         assert!(self.open.len() < RECHECKS_MAX, "{} rechecks", self.open.len());
         let log_expected = libm::log(before.mean_cost);
-        self.open.entry(state.0).or_insert_with(|| Recheck {
+        let recheck = Recheck {
             client_id: client_id.to_owned(),
             shifted: Stored(shifted.clone()),
             beside: Stored(beside.configuration.clone()),
             log_ratio: libm::log(beside.mean_cost) - log_expected,
             ratio_variance: noise * noise * (parts[0] + parts[1]),
-            log_expected: log_expected + libm::log(pace),
+            log_expected: Some(log_expected + libm::log(pace)),
             noise,
             last: Some(Run { is_shifted: true, log_cost: log_of(cost) }),
             before: None,
             changes: Vec::new(),
             shifts: Vec::new(),
             trials: 0,
-        });
+            unheard: 0,
+            is_declined: false,
+        };
+        self.open.insert(state.0, recheck);
     }
 
     /// Takes a cost as it was measured. `None` while nothing is decided.
@@ -193,15 +231,28 @@ impl Rechecks {
         cost: f64,
     ) -> Option<Moved> {
         let recheck = self.open.get_mut(&state.0)?;
-        recheck.trials += 1;
         if recheck.client_id == client_id {
+            (recheck.trials, recheck.unheard) = (recheck.trials + 1, 0);
             recheck.note(configuration, log_of(cost));
+        } else {
+            recheck.note_other(client_id, configuration, log_of(cost));
         }
         let finding = recheck.finding();
         if finding.is_some() || recheck.trials >= TRIALS_MAX {
             self.open.remove(&state.0);
         }
         finding
+    }
+
+    /// Ends the recheck in which a client ran one of the two configurations without a result.
+    pub(crate) fn give_up(&mut self, (client_id, state): (&str, StateId), configuration: &Configuration) {
+        let is_of = |recheck: &Recheck| {
+            let is_one = [&recheck.shifted.0, &recheck.beside.0].contains(&configuration);
+            recheck.client_id == client_id && is_one
+        };
+        if self.open.get(&state.0).is_some_and(is_of) {
+            self.open.remove(&state.0);
+        }
     }
 
     /// The configuration that a client should run next, in turns with the one whose cost shifted.

@@ -6,6 +6,7 @@ use rand::RngExt;
 use super::*;
 use crate::policy::Operation;
 use crate::randomness::{Purpose, stream};
+use crate::session::SessionPolicy;
 use crate::testing::cases;
 
 /// A search of 20 trials in each state, and its confirmation.
@@ -15,7 +16,12 @@ fn finishes() -> Policy {
 
 /// Runs a frame whose cost is `factor` times that of the trial, with noise of 2 %.
 fn frame(tuner: &mut Tuner, seed: u64, factor: impl Fn(&Trial) -> f64) -> Trial {
-    let trial = suggest(tuner, "a", 0.5, 0.5);
+    frame_of(tuner, &ask("a", 0.5, 0.5), seed, factor)
+}
+
+/// The same of the client that asks.
+fn frame_of(tuner: &mut Tuner, ask: &Ask, seed: u64, factor: impl Fn(&Trial) -> f64) -> Trial {
+    let trial = tuner.suggest(ask, 0).expect("a valid question").0;
     let mut random = stream(seed, Purpose::Decision, 0, trial.number);
     let noise: f64 = (0..12).map(|_| random.random::<f64>()).sum::<f64>() - 6.0;
     let cost = cost(&trial) * factor(&trial) * (1.0 + 0.02 * noise);
@@ -114,6 +120,63 @@ fn who_wants_no_exploring_is_not_used_for_rechecks() {
     (0..30).for_each(|_| drop(frame(&mut tuner, 5, |_| 1.0)));
     tuner.set_policy(Policy { operation: Operation::Freeze, ..finishes() }).expect("a valid policy");
     assert!((0..60).all(|_| frame(&mut tuner, 5, |_| 2.0).configuration == before));
+}
+
+/// The rounds of these clients until a finished state is forgotten whose answer becomes twice as dear.
+fn rounds_until_forgotten(clients: &[Ask], seed: u64) -> Option<usize> {
+    let mut tuner = tuner(finishes());
+    let before = finish_search(&mut tuner, seed);
+    let dear = |trial: &Trial| if trial.configuration == before { 2.0 } else { 1.0 };
+    for _ in 0..10 {
+        clients.iter().for_each(|ask| drop(frame_of(&mut tuner, ask, seed, |_| 1.0)));
+    }
+    (0..20).find(|_| {
+        clients.iter().any(|ask| {
+            frame_of(&mut tuner, ask, seed, dear);
+            tuner.searches.of(StateId(1)).is_none()
+        })
+    })
+}
+
+#[test]
+fn many_clients_in_turns_do_not_hide_a_change() {
+    let clients: Vec<Ask> = (0..20).map(|client| ask(&format!("client {client}"), 0.5, 0.5)).collect();
+    for seed in 0..4 {
+        let rounds = rounds_until_forgotten(&clients, seed);
+        assert!(rounds.is_some_and(|rounds| rounds <= 14), "seed {seed}: {rounds:?}");
+    }
+}
+
+#[test]
+fn who_wants_no_exploring_does_not_keep_others_from_finding_a_change() {
+    let session_policy = SessionPolicy { epsilon: Some(0.0), ..SessionPolicy::default() };
+    let rests = Ask { session: 1, session_policy, ..ask("rests", 0.5, 0.5) };
+    for seed in 0..4 {
+        let clients = [rests.clone(), ask("tunes", 0.5, 0.5)];
+        let rounds = rounds_until_forgotten(&clients, seed);
+        assert!(rounds.is_some_and(|rounds| rounds <= 14), "seed {seed}: {rounds:?}");
+        assert_eq!(rounds_until_forgotten(&clients[..1], seed), None, "it is asked for nothing");
+    }
+}
+
+#[test]
+fn what_cannot_be_run_any_more_is_not_asked_for_again_and_again() {
+    for seed in 0..4 {
+        let mut tuner = tuner(finishes());
+        finish_search(&mut tuner, seed);
+        (0..50).for_each(|_| drop(frame(&mut tuner, seed, |_| 1.0)));
+        let default = tuner.spec().space.default_configuration();
+        let mut failed = 0;
+        for _ in 0..60 {
+            let trial = suggest(&mut tuner, "a", 0.5, 0.5);
+            let fails = trial.configuration == default;
+            failed += usize::from(fails);
+            let outcome = if fails { infeasible() } else { Outcome::Ok };
+            let cost = 2.0 * cost(&trial);
+            assert!(tuner.report(&trial, measured(cost), outcome, 1).is_ok());
+        }
+        assert!((1..=2).contains(&failed), "seed {seed}: the default was asked for {failed} times");
+    }
 }
 
 proptest! {
