@@ -292,8 +292,6 @@ impl ResultTable {
 
     /// Drops the latest cost of a configuration, which is about to be learnt as that of a trial.
     pub fn withhold(&mut self, configuration: &Configuration) {
-        // Earlier costs were understood otherwise.
-        self.quiet = QuietCosts::default();
         self.rewrite(configuration, |record| record.evidence.drop_latest());
     }
 

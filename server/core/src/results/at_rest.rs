@@ -2,6 +2,7 @@
 
 use super::{ResultTable, hash, moment};
 use crate::configuration::Configuration;
+use crate::quiet::QuietCosts;
 use crate::trial::Trial;
 
 impl ResultTable {
@@ -13,6 +14,11 @@ impl ResultTable {
         if let Some(moment) = moment(trial).filter(|_| is_known) {
             self.quiet.note(hash(&trial.configuration), moment, cost);
         }
+    }
+
+    /// Forgets what the costs on the quiet machine follow from, because costs are understood otherwise now.
+    pub(crate) fn forget_at_rest(&mut self) {
+        self.quiet = QuietCosts::default();
     }
 
     /// The factor that converts costs to those of the machine at its fastest; at most 1.
@@ -29,5 +35,33 @@ impl ResultTable {
     /// The cost of a configuration on the quiet machine, where its cost here is known.
     pub fn reported(&self, configuration: &Configuration, cost: f64) -> f64 {
         self.at_rest(configuration).unwrap_or_else(|| self.pace() * cost)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::decision::Choice;
+    use crate::space::Space;
+    use crate::trial::Outcome;
+
+    #[test]
+    fn regressions_that_are_learnt_again_and_again_leave_the_costs_at_rest() {
+        let space = Space::builder().integer("a", 0..=9).default(4).build().expect("valid");
+        let (default, mut table) = (space.default_configuration(), ResultTable::default());
+        for number in 1..=40 {
+            let cost = if number <= 20 { 15.0 } else { 10.0 };
+            let trial = Trial::new(number, "a", 1, default.clone(), Choice::Wanted.decided());
+            let trial = Trial { outcome: Some(Outcome::Ok), cost: Some(cost), ..trial };
+            table.note_pace(&trial, cost, 1.0);
+            if number % 4 == 0 {
+                table.withhold(&default);
+            }
+            table.learn(&trial, &default);
+        }
+        let at_rest = table.at_rest(&default).expect("other programs ran at first");
+        assert!((at_rest / 10.0 - 1.0).abs() < 0.01, "{at_rest}");
+        table.forget_at_rest();
+        assert_eq!(table.at_rest(&default), None);
     }
 }

@@ -142,6 +142,9 @@ impl Learning<'_> {
             {
                 self.states.amend(state, |results| {
                     restated.iter().for_each(|(configuration, costs)| results.restate(configuration, costs));
+                    if explains_more {
+                        results.forget_at_rest();
+                    }
                 });
                 if explains_more {
                     // The search learnt other costs.
