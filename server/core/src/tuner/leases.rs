@@ -7,11 +7,12 @@
 //!
 //! A lost lease counts only where the client had shown that it runs the trial, by renewing the lease. The
 //! silence of any other client says nothing, with a session or without: a person may have pressed Ctrl-C. But
-//! a trial that one session after the other leaves behind counts from the second on, or a program that it
-//! crashes at once would get it for ever. A client that gives a trial back loses no lease. The default never
-//! counts as crashing: clients run it without asking, and exploring would have nothing left to be weighed
-//! against. Neither does a client's own default, its start. A start to be measured goes to the next client
-//! that asks with it, until as many of its leases were lost. Then nobody measures it as a start any more.
+//! a configuration that one session after the other loses in silence counts from the second on, whether its
+//! lease runs out or the next session asks. Else a program that it crashes at once would get it for ever. A
+//! client that gives a trial back loses no lease. The default never counts as crashing: clients run it without
+//! asking, and exploring would have nothing left to be weighed against. Neither does a client's own default,
+//! its start. A start to be measured goes to the next client that asks with it, until as many of its leases
+//! were lost. Then nobody measures it as a start any more.
 
 use crate::ids::{StateId, TrialNumber};
 use crate::limits::LEASES_LOST_MAX;
@@ -70,8 +71,8 @@ impl Tuner {
 
     /// Counts a lost lease of an open trial's configuration, and returns their number in the state. It is 0
     /// for the default, for the client's own one, for a measured configuration, and where the client's
-    /// silence says nothing, since it never showed that it lives. Those of a start that is to be measured are
-    /// counted by themselves.
+    /// silence says nothing: it never showed that it lives, and no session before was silent. Those of a start
+    /// that is to be measured are counted by themselves.
     fn note_lost(&mut self, number: TrialNumber, was_alive: bool) -> u32 {
         let Some(trial) = self.trials.get(number) else { return 0 };
         let (state, configuration) = (StateId(trial.state_id), trial.configuration.clone());
@@ -82,11 +83,12 @@ impl Tuner {
         if trial.decision.measures_start() && !was_measured {
             self.searches.note_lost_start(state, &configuration);
         }
-        if was_measured || is_default || !was_alive {
-            0
-        } else {
-            self.searches.note_lost(state, &configuration)
+        if was_measured || is_default {
+            return 0;
         }
+        let session = trial.decision.session;
+        let counts = was_alive || session != 0 && self.searches.note_silence(state, &configuration, session);
+        if counts { self.searches.note_lost(state, &configuration) } else { 0 }
     }
 
     /// Completes an open trial as infeasible.

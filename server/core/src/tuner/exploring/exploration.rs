@@ -52,6 +52,9 @@ struct LostLeases {
     /// A client measured it as its start: that is no reason to call it infeasible.
     #[serde(default, skip_serializing_if = "is_default")]
     is_start: bool,
+    /// The last session that lost one without having shown that it lives; 0 for none.
+    #[serde(default, skip_serializing_if = "is_default")]
+    silent_session: u64,
 }
 
 impl LostLeases {
@@ -117,14 +120,38 @@ impl Exploration {
 
     /// Notes a lost lease of a configuration, and returns their number.
     pub(crate) fn note_lost(&mut self, configuration: &Configuration, is_start: bool) -> u32 {
-        let count = self.lost(configuration, is_start) + 1;
-        self.lost.retain(|lost| !lost.are_of(configuration, is_start));
+        let lost = self.latest_lost(configuration, is_start);
+        lost.count += 1;
+        lost.count
+    }
+
+    /// Notes a session that lost a lease of a configuration without having shown that it lives. Whether
+    /// another one had before.
+    pub(crate) fn note_silence(&mut self, configuration: &Configuration, session: u64) -> bool {
+        let lost = self.latest_lost(configuration, false);
+        let before = std::mem::replace(&mut lost.silent_session, session);
+        before != 0 && before != session
+    }
+
+    /// The lost leases of a configuration, which are the latest from now on.
+    fn latest_lost(&mut self, configuration: &Configuration, is_start: bool) -> &mut LostLeases {
+        let known = self.lost.iter().position(|lost| lost.are_of(configuration, is_start));
+        let own = known.map(|place| self.lost.remove(place));
         if self.lost.len() >= LOST_CONFIGURATIONS_MAX {
             self.lost.remove(0);
         }
-        self.lost.push(LostLeases { configuration: configuration.to_raw(), count, is_start });
-        assert_eq!(self.lost(configuration, is_start), count, "the leases that were just counted");
-        count
+        let none = || {
+            let configuration = configuration.to_raw();
+            LostLeases { configuration, count: 0, is_start, silent_session: 0 }
+        };
+        self.lost.push(own.unwrap_or_else(none));
+        let last = self.lost.len() - 1;
+        &mut self.lost[last]
+    }
+
+    /// Whether leases of a configuration are known to be lost, as a client's start or as any other.
+    pub(crate) fn has_lost(&self, configuration: &Configuration) -> bool {
+        self.lost.iter().any(|lost| lost.configuration == *configuration.values())
     }
 
     /// Forgets the lost leases of a configuration that has a result now.

@@ -102,6 +102,19 @@ impl Searches {
         self.count_lost(state, start, true);
     }
 
+    /// Notes a session that lost a lease of a configuration without having shown that it lives. Whether
+    /// another one had before.
+    pub(crate) fn note_silence(
+        &mut self,
+        state: StateId,
+        configuration: &Configuration,
+        session: u64,
+    ) -> bool {
+        let own = &mut self.of_states[place(state)];
+        own.changes += 1;
+        own.exploration.get_or_insert_with(Exploration::unbegun).note_silence(configuration, session)
+    }
+
     fn count_lost(&mut self, state: StateId, configuration: &Configuration, is_start: bool) -> u32 {
         let own = &mut self.of_states[place(state)];
         own.changes += 1;
@@ -110,7 +123,7 @@ impl Searches {
 
     /// Forgets the lost leases of a configuration that has a result now.
     pub(crate) fn forgive(&mut self, state: StateId, configuration: &Configuration) {
-        if self.lost(state, configuration) + self.lost_starts(state, configuration) > 0 {
+        if self.record(state).is_some_and(|exploration| exploration.has_lost(configuration)) {
             let own = &mut self.of_states[place(state)];
             own.changes += 1;
             own.exploration.iter_mut().for_each(|exploration| exploration.forgive(configuration));

@@ -345,6 +345,28 @@ fn a_program_that_is_interrupted_twice_outlaws_nothing_and_a_crash_goes_on_for_f
 }
 
 #[test]
+fn a_program_that_crashes_at_once_and_is_started_after_its_lease_gets_on_as_well() {
+    let mut tuner = tuner(explore_always());
+    run(&mut tuner, "a", 0.5, 0.5, 2);
+    let mut now_ms = 1_000;
+    let mut crash = |tuner: &mut Tuner, session: u64| {
+        let ask = Ask { session, ..ask("a", 0.5, 0.5) };
+        let trial = tuner.suggest(&ask, now_ms).expect("valid").0;
+        now_ms += 60_001;
+        (trial, tuner.expire(now_ms))
+    };
+    let (first, _) = crash(&mut tuner, 1);
+    for (session, lost) in [(2, 1), (3, 2)] {
+        let (again, change) = crash(&mut tuner, session);
+        assert_eq!(again.configuration, first.configuration, "session {session} begins with it again");
+        assert_eq!(tuner.searches.lost(StateId(1), &first.configuration), lost);
+        assert_eq!(change.states.len(), 1, "a restart of the daemon does not forget it");
+    }
+    assert!(tuner.states.results(StateId(1)).is_infeasible(&first.configuration));
+    assert_ne!(crash(&mut tuner, 4).0.configuration, first.configuration);
+}
+
+#[test]
 fn what_clients_want_themselves_does_not_eat_the_budget_of_the_search() {
     let mut tuner = tuner(Policy { search: SearchMethod::Random, ..explore_always() });
     let space = tuner.spec().space.clone();
