@@ -23,7 +23,7 @@ use crate::tuner::knowledge::{Auxiliaries, History, Rechecks, Speeds};
 use crate::tuner::{Checkpoint, CheckpointTooLarge, Tuner};
 
 /// To be raised whenever anything changes that a checkpoint holds, or how trials are learnt.
-const VERSION: u64 = 20;
+const VERSION: u64 = 21;
 
 /// The knowledge of a tuner. It is taken in a moment, because it shares its tables with the tuner until one
 /// of them changes.
