@@ -9,10 +9,10 @@
 //! silence of any other client says nothing, with a session or without: a person may have pressed Ctrl-C. But
 //! a configuration that one session after the other loses in silence counts from the second on, whether its
 //! lease runs out or the next session asks. Else a program that it crashes at once would get it for ever. A
-//! client that gives a trial back loses no lease. The default never counts as crashing: clients run it without
-//! asking, and exploring would have nothing left to be weighed against. Neither does a client's own default,
-//! its start. A start to be measured goes to the next client that asks with it, until as many of its leases
-//! were lost. Then nobody measures it as a start any more.
+//! client that gives a trial back loses no lease. The default never counts as crashing: clients run it
+//! without asking, and exploring would have nothing left to be weighed against. Neither does a client's own
+//! default, its start. A start to be measured goes to the next client that asks with it, until as many of its
+//! leases were lost. Then nobody measures it as a start any more.
 
 use crate::ids::{StateId, TrialNumber};
 use crate::limits::LEASES_LOST_MAX;
@@ -71,8 +71,8 @@ impl Tuner {
 
     /// Counts a lost lease of an open trial's configuration, and returns their number in the state. It is 0
     /// for the default, for the client's own one, for a measured configuration, and where the client's
-    /// silence says nothing: it never showed that it lives, and no session before was silent. Those of a start
-    /// that is to be measured are counted by themselves.
+    /// silence says nothing: it never showed that it lives, and no session before was silent. Those of a
+    /// start that is to be measured are counted by themselves.
     fn note_lost(&mut self, number: TrialNumber, was_alive: bool) -> u32 {
         let Some(trial) = self.trials.get(number) else { return 0 };
         let (state, configuration) = (StateId(trial.state_id), trial.configuration.clone());
