@@ -46,8 +46,8 @@ impl Racing<'_> {
     }
 
     /// Passes the result of a trial at a cheaper level to its search, which alone hears of it: its cost at
-    /// the usual speed of its client's machine, whose present `pace` is this factor. The point of a silent one
-    /// goes back.
+    /// the usual speed of its client's machine, whose present `pace` is this factor. The point of a silent
+    /// one goes back.
     pub(crate) fn tell_cheaper(&mut self, completed: &Trial, pace: f64) {
         let state = StateId(completed.state_id);
         let name = completed.decision.fidelity.as_ref();
