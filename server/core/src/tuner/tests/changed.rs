@@ -108,7 +108,8 @@ fn a_machine_that_changes_its_speed_is_no_reason() {
         let default = tuner.spec().space.default_configuration();
         let others = after.iter().filter(|one| one.configuration != before).count();
         assert!(after.iter().all(|one| one.configuration == before || one.configuration == default));
-        assert!((1..=4).contains(&others), "factor {factor}: the default ran {others} times beside it");
+        // A recheck waits for six ratios at most.
+        assert!((1..=6).contains(&others), "factor {factor}: the default ran {others} times beside it");
         assert_eq!(after[99].configuration, before);
     }
 }
