@@ -26,8 +26,6 @@ from problems import active, broken
 REFUSALS_MAX, REFUSALS_UNLEARNT = 1000, 50
 ROOT = pathlib.Path(__file__).resolve().parent.parent.parent
 ASK_TELL = pathlib.Path(os.environ.get("ASK_TELL", ROOT / "target" / "release" / "examples" / "ask_tell"))
-# The program of an earlier version.
-ASK_TELL_BEFORE = os.environ.get("ASK_TELL_BEFORE")
 
 
 class Treewright(Method):
@@ -122,16 +120,6 @@ class TreewrightBestMeasured(Treewright):
 
     def recommend(self):
         return Method.recommend(self)
-
-
-class TreewrightBefore(Treewright):
-    """An earlier version, on limits alone: its `ask_tell` is named by the environment."""
-
-    program = ASK_TELL_BEFORE
-
-    @classmethod
-    def takes(cls, problem):
-        return cls.program is not None and bool(problem.limits)
 
 
 class Random(Method):
@@ -432,7 +420,6 @@ METHODS = {
     "treewright-nelder-mead": TreewrightNelderMead,
     "treewright-model": TreewrightModel,
     "treewright-best-measured": TreewrightBestMeasured,
-    "treewright-before": TreewrightBefore,
     "random": Random,
     "scipy-sobol": ScipySobol,
     "scipy-lhs-nm": ScipyNelderMead,
