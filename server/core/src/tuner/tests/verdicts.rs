@@ -130,8 +130,8 @@ fn what_is_told_in_disturbed_sessions_is_true() {
     }
     println!(
         "{WORLDS} worlds: reported gains hold in {holds} and not in {missed:?}, reported costs are near in {near} of \
-         {knowable}, the default's in {default_near}, {proven} are proven, {wrong} of them wrongly, {likely} are likely; {gained:.2} were gained of \
-         about {there:.2}"
+         {knowable}, the default's in {default_near}, {proven} are proven, {wrong} of them wrongly, {likely} are \
+         likely; {gained:.2} were gained of about {there:.2}"
     );
     let share = |count: u64| count as f64 / WORLDS as f64;
     assert!(share(holds) >= HOLDS, "{holds} of {WORLDS}, and not in {missed:?}");
