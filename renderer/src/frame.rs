@@ -165,13 +165,7 @@ impl Renderer {
     /// A renderer of a scene with this many threads for building and rendering; 0 for one a core.
     pub fn new(scene: Arc<Scene>, threads: usize) -> Result<Self, RendererError> {
         let device = Device::open(threads)?;
-        let pool = rayon::ThreadPoolBuilder::new()
-            .num_threads(threads)
-            .thread_name(|index| format!("render-{index}"))
-            // Denormal numbers cost hundreds of cycles each and Embree asks for this mode.
-            .start_handler(|_| treewright_accel::set_flush_denormals())
-            .build()
-            .map_err(|source| RendererError::Threads { threads, source })?;
+        let pool = worker_pool("render", threads)?;
         let prepared = Arc::new(pool.install(|| Prepared::new(scene)));
         let delays: Option<Vec<_>> =
             pool.broadcast(|_| RunQueueDelay::of_this_thread()).into_iter().collect();
@@ -332,12 +326,22 @@ impl Renderer {
     /// Builds a structure without keeping it, and says how long it took. For comparing many.
     pub fn build(&self, choice: &BuildChoice) -> Result<(Structure, f64), BuildError> {
         let begin = Instant::now();
-        let scene = &self.prepared.scene;
-        let structure = self.pool.install(|| match &scene.instances {
-            Some(instances) => build_instanced(&self.device, &scene.triangles, instances, choice),
-            None => build(&self.device, &scene.triangles, choice),
-        })?;
+        let structure = self.pool.install(|| built(&self.device, &self.prepared.scene, choice))?;
         Ok((structure, milliseconds(begin)))
+    }
+
+    /// The build of a structure as work for other threads.
+    pub(crate) fn build_job(
+        &self,
+        choice: &BuildChoice,
+    ) -> impl FnOnce() -> Result<Structure, BuildError> + Send + use<> {
+        let (device, scene, choice) = (self.device.clone(), Arc::clone(self.scene()), *choice);
+        move || built(&device, &scene, &choice)
+    }
+
+    /// Keeps a structure of the present scene that was built elsewhere.
+    pub(crate) fn adopt(&mut self, built: Built) {
+        self.current = Some(built);
     }
 
     /// Builds a structure for the frames to come; returns `build_ms`. After a failure the last one is kept.
@@ -416,6 +420,15 @@ impl Renderer {
     /// The kept structure.
     pub fn structure(&self) -> Option<&Structure> {
         self.current.as_ref().map(|built| &built.structure)
+    }
+
+    /// Brings the kept structure to the present moment, which its instances alone tell from its own.
+    pub(crate) fn catch_up(&mut self, update: Update) -> Result<(), BuildError> {
+        if let Some(mut built) = self.current.take() {
+            self.follow(&mut built.structure, update)?;
+            self.current = Some(built);
+        }
+        Ok(())
     }
 
     /// Bytes of the kept structure. The first call walks it: milliseconds per million triangles.
@@ -515,6 +528,24 @@ impl Visitor for Sample<'_> {
     fn visit<I: Intersector>(self, intersector: &I) -> Self::Output {
         let Self { prepared, view, options, needs, film, until } = self;
         render_sample(prepared, intersector, view, options, needs, film, until)
+    }
+}
+
+/// Threads for building or rendering; 0 for one a core.
+pub(crate) fn worker_pool(name: &'static str, threads: usize) -> Result<rayon::ThreadPool, RendererError> {
+    rayon::ThreadPoolBuilder::new()
+        .num_threads(threads)
+        .thread_name(move |index| format!("{name}-{index}"))
+        // Denormal numbers cost hundreds of cycles each and Embree asks for this mode.
+        .start_handler(|_| treewright_accel::set_flush_denormals())
+        .build()
+        .map_err(|source| RendererError::Threads { threads, source })
+}
+
+fn built(device: &Device, scene: &Scene, choice: &BuildChoice) -> Result<Structure, BuildError> {
+    match &scene.instances {
+        Some(instances) => build_instanced(device, &scene.triangles, instances, choice),
+        None => build(device, &scene.triangles, choice),
     }
 }
 

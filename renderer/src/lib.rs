@@ -7,6 +7,7 @@
 //! | `frame`, `render_options` | one frame: build, render, the time of each |
 //! | `follow` | structures that follow a moving scene, and episodes of it |
 //! | `shelf` | structures that are kept for later trials |
+//! | `swap` | a quick tree first, and a better one built behind the frames |
 //! | `space` | tuning spaces, and the meaning of a configuration |
 //! | `disturbance` | the other work of a machine during a measurement |
 //! | `scheduling` | threads' processor times, and their waits for a processor |
@@ -36,6 +37,7 @@ pub mod scheduling;
 mod shelf;
 pub mod space;
 pub mod statistics;
+pub mod swap;
 pub mod tone;
 pub mod tuning;
 

@@ -28,6 +28,8 @@ pub const EPISODE_FRAMES_MAX: u32 = 64;
 pub const EPISODE_TRIANGLES_MAX: usize = 100_000_000;
 /// Most memory of the structures that a search keeps for later trials, in bytes.
 pub const SHELF_BYTES_MAX: usize = 2 << 30;
+/// One of this number of render threads builds behind the frames where trees are swapped.
+pub const SWAP_THREADS_SHARE: usize = 4;
 /// Most trials that one build serves.
 pub const TRIALS_PER_BUILD_MAX: u32 = 4;
 /// Most trials for which a search remembers the time of a build or of a frame in real time.

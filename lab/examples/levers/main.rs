@@ -1,7 +1,7 @@
 //! The gain of choosing a lever's way for each scene, in paired rounds: ways to sample light, ways to follow
-//! motion, and trees that serve some frames (see `sessions`).
+//! motion, and trees that serve some frames (see `sessions` and `swap`).
 //!
-//! `cargo run --release -p treewright-lab --example levers -- --lever light|follow|sessions [--rounds N]
+//! `cargo run --release -p treewright-lab --example levers -- --lever light|follow|sessions|swap [--rounds N]
 //! [--width N] [--frames N] [--each] [--winners FOLDER] [--session-frames N] [--trials N] [--weigh-gain]
 //! [--record FILE] [--add FILE]... WORLD...`
 //! A world is a file or `builtin:NAME`; for `follow` a motion (`itself` for scenes that move by themselves)
@@ -22,6 +22,7 @@
 
 mod record;
 mod sessions;
+mod swap;
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -71,6 +72,7 @@ enum Lever {
     Light,
     Follow,
     Sessions,
+    Swap,
 }
 
 /// Measures the gain of choosing a lever's way for each scene.
@@ -93,7 +95,7 @@ struct Arguments {
     /// Folder of the results of `treewright-render tune --json`, named like the worlds.
     #[arg(long, conflicts_with = "each")]
     winners: Option<PathBuf>,
-    /// Frames of a session, for `sessions`.
+    /// Frames of a session, for `sessions` and `swap`.
     #[arg(long, default_value_t = 1024, value_parser = clap::value_parser!(u32).range(1..=100_000))]
     session_frames: u32,
     /// Trials of a state's search in a session; the service's own default is 80.
@@ -116,8 +118,9 @@ struct Arguments {
 impl Arguments {
     /// That all worlds are there, and move if they have to.
     fn check(&self) -> Result<(), Failure> {
-        if self.lever == Lever::Sessions && (self.each || self.winners.is_some()) {
-            return Err("--lever sessions has structures of its own; leave --each and --winners out".into());
+        let has_its_own = matches!(self.lever, Lever::Sessions | Lever::Swap);
+        if has_its_own && (self.each || self.winners.is_some()) {
+            return Err("sessions have structures of their own; leave --each and --winners out".into());
         }
         let mut names = BTreeSet::new();
         for world in &self.worlds {
@@ -339,6 +342,7 @@ fn main() -> Result<(), Failure> {
     arguments.check()?;
     match arguments.lever {
         Lever::Sessions => sessions::run(&arguments),
+        Lever::Swap => swap::run(&arguments),
         Lever::Light | Lever::Follow => compare(&arguments),
     }
 }

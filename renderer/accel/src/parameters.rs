@@ -187,7 +187,7 @@ impl Update {
     pub const REBUILD_THRESHOLD: f32 = 1.3;
 
     /// A partial update with this threshold.
-    pub fn partial(rebuild_threshold: f32) -> Self {
+    pub const fn partial(rebuild_threshold: f32) -> Self {
         Self::Partial { rebuild_threshold }
     }
 

@@ -165,6 +165,11 @@ impl TuningSpace {
         self.space.default_configuration().into()
     }
 
+    /// The recommended choice where each frame builds: the quick tree.
+    pub fn quick_choice(&self) -> Choice {
+        follow::base(&self.premises())
+    }
+
     /// The recommended configuration as work.
     pub fn default_choice(&self) -> Choice {
         self.choice(&self.default_configuration()).expect("the spaces of this program are sound")

@@ -7,25 +7,26 @@
 //! With `--rounds` the scene moves as well, and the structure follows: parts that have decayed are rebuilt,
 //! in the paper's space all of it.
 
-use std::{path::PathBuf, sync::Arc, time::Instant};
+mod flight;
+
+use std::{path::PathBuf, time::Instant};
 
 use clap::{Args, builder::TypedValueParser};
 use serde::Serialize;
-use treewright_accel::{BuildError, Structure, Update};
 use treewright_client::{
-    Configuration, Finished, Mode, OpenEnum, Outcome, Policy, SessionPolicy, Source, Stats,
+    Configuration, Finished, Mode, OpenEnum, Policy, SessionPolicy, Source, Stats, Suggestion,
 };
 
 use crate::arguments::{FrameArguments, SceneArguments, Size, SpaceArguments, StartArguments, unit_interval};
 use crate::error::{CliError, Result, write_file};
 use crate::{interrupt::Interrupt, names::one_of, output, server::ServerArguments};
-use treewright_renderer::frame::{FrameTimes, Renderer, milliseconds};
-use treewright_renderer::scheduling::{ThreadTimes, of_process};
-use treewright_renderer::space::{Choice, Preset, Start, TuningSpace};
+use flight::{Flight, Setting, Shown};
+use treewright_renderer::frame::{FrameTimes, milliseconds};
+use treewright_renderer::space::{Preset, Start, TuningSpace};
 use treewright_renderer::tuning::objective::{Objective, frame_cost, measurements, specification, study_id};
 use treewright_renderer::{
-    film::Film, follow::Wear, integrator::View, limits::ITERATIONS_MAX, statistics::Summary,
-    tuning::reuse::Reuse, tuning::safety::Safety, tuning::search::not_built, tuning::verdict,
+    integrator::View, limits::ITERATIONS_MAX, statistics::Summary, tuning::reuse::Reuse,
+    tuning::safety::Safety, tuning::verdict,
 };
 use treewright_scene::{Scene, camera_path::CameraPath, indicators::SceneIndicators};
 
@@ -68,6 +69,15 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "N", default_value_t = 0.0, allow_negative_numbers = true)]
     rounds: f32,
 
+    /// A scene that moves does so in every N-th frame only, and rests between.
+    #[arg(long, value_name = "N", default_value_t = 1, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..=i64::from(ITERATIONS_MAX)))]
+    every: u32,
+
+    /// Build a quick structure first whenever the geometry changes. That of the answer is built behind the
+    /// frames once it is expected to pay, and swapped in when it is ready.
+    #[arg(long)]
+    swap: bool,
+
     /// Probability of exploring when the state changes. Default: the study's own.
     #[arg(long, value_name = "P", value_parser = unit_interval)]
     epsilon: Option<f32>,
@@ -80,6 +90,30 @@ pub(crate) struct Arguments {
     /// Write every frame as JSON.
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
+}
+
+impl Arguments {
+    fn check(&self) -> Result<()> {
+        if self.swap && self.objective != Objective::Render {
+            return Err(CliError::Usage(
+                "--swap decides itself how many frames a structure has to serve; leave --objective at render"
+                    .into(),
+            ));
+        }
+        // Objectives that single frames cannot measure are not tuned while it plays.
+        self.space.judged_by(Objective::Total).map(|_| ())
+    }
+
+    fn setting(&self, scene: &Scene) -> Setting {
+        let FrameArguments { seed, bounces, .. } = self.frame;
+        Setting {
+            view: View { camera: scene.cameras[0], seed, bounces },
+            size: self.size.0,
+            each_frame: self.objective == Objective::Total,
+            swaps: self.swap,
+            compares: self.compare,
+        }
+    }
 }
 
 fn aim() -> impl TypedValueParser<Value = Objective> {
@@ -111,12 +145,40 @@ struct PlayedFrame {
     configuration: Configuration,
     /// Whether a structure was built for this frame.
     rebuilt: bool,
+    /// Whether it is the first one with a structure that was built behind the frames.
+    swapped: bool,
+    /// Whether the configuration of the structure is another than the answer, which is built behind or waits.
+    stands_in: bool,
     times: Option<FrameTimes>,
     waiting_ms: f64,
     default_times: Option<FrameTimes>,
 }
 
 impl PlayedFrame {
+    fn of(suggestion: &Suggestion, shown: &Shown) -> Self {
+        Self {
+            number: 0,
+            frames_per_build: 1,
+            camera_at: 0.0,
+            mode: suggestion.mode(),
+            source: suggestion.source(),
+            reason: suggestion.reason().summary.clone(),
+            configuration: suggestion.configuration().clone(),
+            rebuilt: shown.rebuilt,
+            swapped: shown.swapped,
+            stands_in: shown.stands_in,
+            times: shown.times,
+            waiting_ms: 0.0,
+            default_times: None,
+        }
+    }
+
+    /// What it took, with the build before it.
+    fn spent_ms(&self) -> Option<f64> {
+        let times = self.times?;
+        Some(times.render_ms + if self.rebuilt { times.build_ms } else { 0.0 })
+    }
+
     /// Its cost with its configuration and with the baseline, where both ran.
     fn costs(&self) -> Option<[f64; 2]> {
         let cost = |times| frame_cost(times, self.frames_per_build);
@@ -140,8 +202,7 @@ struct FlightResults {
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let moves = arguments.rounds != 0.0;
     let moving = moves.then(|| arguments.scene.moving()).transpose()?;
-    // Objectives that single frames cannot measure are not tuned while it plays.
-    arguments.space.judged_by(Objective::Total)?;
+    arguments.check()?;
     let client = arguments.server.connect(arguments.frame.threads)?;
     let scene = arguments.scene.load()?;
     let renderer = arguments.frame.renderer(&scene)?;
@@ -163,7 +224,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     );
 
     let baseline = verdict::baseline_from(&space, &start);
-    let mut flight = Flight::new(renderer, space, baseline.choice, arguments)?;
+    let mut flight = Flight::new(renderer, space, baseline.choice, &arguments.setting(&scene))?;
     let (path, mut scene_indicators) = (CameraPath::of(&scene), SceneIndicators::of(&scene));
     let mut workload = arguments.frame.workload(&scene, arguments.size);
     let interrupt = Interrupt::listen();
@@ -175,7 +236,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         let share = number as f32 / (arguments.frames - 1).max(1) as f32;
         let camera_at = arguments.from + (arguments.to - arguments.from) * share;
         let camera = path.sample(camera_at);
-        let time = arguments.rounds * share;
+        let rested = number - number % arguments.every;
+        let time = arguments.rounds * rested as f32 / (arguments.frames - 1).max(1) as f32;
         let moved = moves && (number == 0 || time != time_before);
         time_before = time;
         if let Some(moving) = moving.as_ref().filter(|_| moved) {
@@ -197,24 +259,24 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         let suggestion = tuner.next_before(&indicators, &upcoming, previous.take());
         let waiting_ms = milliseconds(begin);
         flight.view.camera = camera;
-        let (outcome, times, rebuilt) = flight.frame(suggestion.configuration());
+        let is_trial = suggestion.mode() == Mode::Explore;
+        let shown = flight.frame(suggestion.configuration(), is_trial);
         let frame = PlayedFrame {
             number,
             frames_per_build,
             camera_at,
-            mode: suggestion.mode(),
-            source: suggestion.source(),
-            reason: suggestion.reason().summary.clone(),
-            configuration: suggestion.configuration().clone(),
-            rebuilt,
-            times,
             waiting_ms,
             default_times: flight.default_frame(),
+            ..PlayedFrame::of(&suggestion, &shown)
         };
         print(&frame);
         frames.push(frame);
-        // A frame without a new build cannot be reported where builds are part of the objective.
-        previous = Some(suggestion.finished(measurements(times, 1, objective), outcome)?);
+        // A frame of another structure says nothing about the answer, which goes back unmeasured.
+        previous = match shown.stands_in {
+            true => None,
+            // A frame without a new build cannot be reported where builds are part of the objective.
+            false => Some(suggestion.finished(measurements(shown.times, 1, objective), shown.outcome)?),
+        };
         if interrupt.requested() {
             break;
         }
@@ -245,152 +307,6 @@ fn study_of_flight(objective: Objective, space: &TuningSpace, start: &Start, mov
     study_id(objective, space) + if fits { "-moving" } else { "" } + &start.mark(space)
 }
 
-/// The state that moves on from frame to frame.
-struct Flight {
-    renderer: Renderer,
-    space: TuningSpace,
-    view: View,
-    film: Film,
-    each_frame: bool,
-    /// The scene as it is from this frame on, if it moved. After a failed build it waits for the next one.
-    moment: Option<Arc<Scene>>,
-    /// Whether there was such a moment when this frame began.
-    moved: bool,
-    kept: Option<Kept>,
-    /// The age and decay of its structure.
-    wear: Wear,
-    /// The choice that frames are compared with.
-    baseline: Choice,
-    /// Its structure, where they are, and how long that took to build.
-    compared: Option<(Structure, f64)>,
-}
-
-/// The choice of the kept structure, and the time of its build.
-struct Kept {
-    choice: Choice,
-    build_ms: f64,
-    /// Processor times of threads for it.
-    threads: ThreadTimes,
-}
-
-impl Flight {
-    fn new(renderer: Renderer, space: TuningSpace, baseline: Choice, arguments: &Arguments) -> Result<Self> {
-        let view = View {
-            camera: renderer.scene().cameras[0],
-            seed: arguments.frame.seed,
-            bounces: arguments.frame.bounces,
-        };
-        let mut film = Film::new(arguments.size.0);
-        let built = renderer.build(&baseline.build)?;
-        // Warms threads, caches and clocks.
-        renderer.render_with(&built.0, &view, &baseline.render, &mut film);
-        let each_frame = arguments.objective == Objective::Total;
-        let compared = arguments.compare.then_some(built);
-        Ok(Self {
-            renderer,
-            space,
-            view,
-            film,
-            each_frame,
-            moment: None,
-            moved: false,
-            kept: None,
-            wear: Wear::default(),
-            baseline,
-            compared,
-        })
-    }
-
-    /// Builds if needed and renders. After a failed build the frame is shown with the structure before it.
-    fn frame(&mut self, configuration: &Configuration) -> (Outcome, Option<FrameTimes>, bool) {
-        let rebuilt = match self.make_ready(configuration) {
-            Ok(rebuilt) => rebuilt,
-            Err(outcome) => {
-                self.render();
-                return (outcome, None, false);
-            }
-        };
-        match self.render() {
-            Some(times) => (Outcome::Ok, Some(times), rebuilt),
-            None => (Outcome::failed("no structure was built"), None, rebuilt),
-        }
-    }
-
-    /// Builds unless the kept structure serves, and returns whether it did.
-    fn make_ready(&mut self, configuration: &Configuration) -> Result<bool, Outcome> {
-        let choice = self.space.choice(configuration).map_err(|error| Outcome::failed(error.to_string()))?;
-        if let Some(kept) = &mut self.kept
-            && kept.choice.build == choice.build
-            && !self.each_frame
-            && self.moment.is_none()
-        {
-            kept.choice = choice;
-            return Ok(false);
-        }
-        self.build(choice)?;
-        Ok(true)
-    }
-
-    fn build(&mut self, choice: Choice) -> Result<(), Outcome> {
-        let moment = self.moment.take();
-        let (built, threads) = of_process(|| match &moment {
-            Some(scene) => self.follow(Arc::clone(scene), &choice),
-            None => self.renderer.rebuild(&choice.build),
-        });
-        let build_ms = built.map_err(|error| {
-            // Else a scene that rests from now on would be shown as it was before.
-            self.moment = moment;
-            not_built(&error)
-        })?;
-        self.kept = Some(Kept { choice, build_ms, threads });
-        Ok(())
-    }
-
-    /// Brings the structure to another moment; one of another choice is rebuilt first, untimed.
-    fn follow(&mut self, scene: Arc<Scene>, choice: &Choice) -> Result<f64, BuildError> {
-        let mut update = match self.space.preset() {
-            Preset::Full => Update::partial(Update::REBUILD_THRESHOLD),
-            _ => choice.update,
-        };
-        let stranger = self.kept.as_ref().is_none_or(|kept| kept.choice.build != choice.build);
-        if stranger {
-            self.wear = Wear::default();
-        }
-        if self.wear.is_over(choice.period) {
-            update = Update::Rebuild;
-        }
-        if stranger && update != Update::Rebuild {
-            self.renderer.rebuild(&choice.build)?;
-        }
-        self.renderer.animate(scene, &choice.build, update)
-    }
-
-    /// A frame with the kept structure. `None` before the first build that succeeds.
-    fn render(&mut self) -> Option<FrameTimes> {
-        let Kept { choice, build_ms, threads } = *self.kept.as_ref()?;
-        self.film.clear();
-        let (renderer, view, film) = (&self.renderer, &self.view, &mut self.film);
-        let (rendered, render) = renderer.watching_threads(|| renderer.render(view, &choice.render, film));
-        let render_ms = rendered?.0;
-        self.wear.rendered(render_ms);
-        Some(FrameTimes::of(build_ms, render_ms).with_threads(renderer.threads(), threads, render))
-    }
-
-    /// A frame of this view with the baseline.
-    fn default_frame(&mut self) -> Option<FrameTimes> {
-        let (structure, build_ms) = self.compared.as_mut()?;
-        if (self.each_frame || self.moved)
-            && let Ok(built) = self.renderer.build(&self.baseline.build)
-        {
-            (*structure, *build_ms) = built;
-        }
-        self.film.clear();
-        let (render_ms, _) =
-            self.renderer.render_with(structure, &self.view, &self.baseline.render, &mut self.film);
-        Some(FrameTimes::of(*build_ms, render_ms))
-    }
-}
-
 fn print(frame: &PlayedFrame) {
     let mode = match (frame.source, frame.mode) {
         (Source::LastGood, _) => "last good",
@@ -409,7 +325,12 @@ fn print(frame: &PlayedFrame) {
         );
         return;
     };
-    let build = if frame.rebuilt { format!("{:9.1}", times.build_ms) } else { format!("{:>9}", "kept") };
+    let build = match (frame.rebuilt, frame.swapped, frame.stands_in) {
+        (true, ..) => format!("{:9.1}", times.build_ms),
+        (_, true, _) => format!("{:>9}", "swapped"),
+        (_, _, true) => format!("{:>9}", "stands in"),
+        _ => format!("{:>9}", "kept"),
+    };
     let compared = frame.costs().map_or_else(String::new, |[own_ms, default_ms]| {
         format!("  {default_ms:11.1}  {:6.2} ×", default_ms / own_ms)
     });
@@ -432,6 +353,12 @@ fn summarise(frames: &[PlayedFrame], baseline: &str) {
         frames.len(),
         Summary::of(&waiting).median,
     );
+    let swaps = frames.iter().filter(|frame| frame.swapped).count();
+    if swaps > 0 {
+        println!("{swaps} structures were built behind the frames and swapped in");
+    }
+    let spent_ms: f64 = frames.iter().filter_map(PlayedFrame::spent_ms).sum();
+    println!("builds before frames, and frames, took {:.2} s", spent_ms / 1e3);
     let costs = exploited.iter().filter_map(|frame| frame.costs());
     let pairs: Vec<f64> = costs.map(|[own_ms, default_ms]| default_ms / own_ms).collect();
     if !pairs.is_empty() {
@@ -459,17 +386,9 @@ fn safety(frames: &[PlayedFrame]) -> Option<Safety> {
 
 #[cfg(test)]
 mod tests {
-    use clap::Parser as _;
-    use treewright_accel::{BuildChoice, TreeParameters};
     use treewright_renderer::space::Premises;
 
     use super::*;
-
-    #[derive(clap::Parser)]
-    struct Line {
-        #[command(flatten)]
-        arguments: Arguments,
-    }
 
     #[test]
     fn frames_are_compared_with_the_same_frames_of_the_baseline() {
@@ -482,6 +401,8 @@ mod tests {
             reason: String::new(),
             configuration: Configuration::new(),
             rebuilt: false,
+            swapped: false,
+            stands_in: false,
             times: times.map(|render_ms| FrameTimes::of(0.0, render_ms)),
             waiting_ms: 0.0,
             default_times: default_times.map(|render_ms| FrameTimes::of(0.0, render_ms)),
@@ -505,26 +426,5 @@ mod tests {
         assert_eq!(id(&full, Start::Native, true), "total-full-3-moving-from-native");
         // There all is rebuilt.
         assert_eq!(id(&TuningSpace::paper(), Start::Recommended, true), "total-paper");
-    }
-
-    #[test]
-    fn a_moment_waits_for_a_build_that_succeeds() {
-        let line = "play --scene builtin:needles --detail 0.05 --size 8x6 --threads 1 --rounds 1";
-        let arguments = Line::parse_from(line.split(' ')).arguments;
-        let scene = arguments.scene.load().expect("it is built in");
-        let renderer = arguments.frame.renderer(&scene).expect("Embree starts");
-        let space = TuningSpace::paper();
-        let good = Choice { update: Update::Refit, ..verdict::baseline(space.preset()).choice };
-        let mut flight = Flight::new(renderer, space, good, &arguments).expect("it can be built");
-        flight.build(good).expect("it can be built");
-
-        let moment = arguments.scene.moving().expect("it moves").at(0.4).expect("it is built in");
-        flight.moment = Some(Arc::clone(&moment));
-        let parameters = TreeParameters { branching_factor: 3, ..TreeParameters::default() };
-        let bad = Choice { build: BuildChoice::Tree(parameters), ..good };
-        assert!(matches!(flight.build(bad), Err(Outcome::Failed { .. })));
-        assert!(flight.moment.is_some(), "the structure is that of the moment before");
-        flight.build(good).expect("it can be built");
-        assert!(flight.moment.is_none() && Arc::ptr_eq(flight.renderer.scene(), &moment));
     }
 }
