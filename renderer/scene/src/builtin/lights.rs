@@ -19,10 +19,13 @@ fn night(level: f32) -> Sky {
     Sky { horizon: Vec3::new(0.5, 0.55, 0.8) * level, zenith: Vec3::new(0.2, 0.3, 0.6) * level, sun: None }
 }
 
-/// Stalls in rows, a string of lanterns over each. Lanterns are of many sizes and colours.
+/// Stalls in rows with lanterns over each, below a fifth of the detail over some. Lanterns are of many sizes
+/// and colours.
 pub(super) fn market(generator: &mut Generator) -> Result<LightAndPath, SceneError> {
     let shades = generator.materials([matt(0.34, 0.3, 0.27), matt(0.22, 0.2, 0.19)]);
-    let tiles = chequered(Vec2::splat(-MARKET), [generator.segments(120); 2], Vec2::splat(0.5), 0.01);
+    let across = generator.segments(120);
+    let step = Vec2::splat(2.0 * MARKET / across as f32);
+    let tiles = chequered(Vec2::splat(-MARKET), [across; 2], step, 0.01);
     generator.add_each("paving", &shades, &tiles)?;
     let cloths = generator.materials([
         matt(0.6, 0.12, 0.1),
@@ -39,6 +42,7 @@ pub(super) fn market(generator: &mut Generator) -> Result<LightAndPath, SceneErr
     let (mut posts, mut chains, mut heaps) = (Shapes::new(), Shapes::new(), Shapes::new());
     let mut canvas = [(); 4].map(|()| Shapes::new());
     let mut lanterns = [(); 4].map(|()| Shapes::new());
+    let one_in = ((0.2 / generator.options.detail).round() as i32).max(1);
     for row in -5..=5 {
         for stall in -6..=6 {
             let foot = Vec3::new(row as f32 * 5.0, 0.0, stall as f32 * 4.2);
@@ -59,7 +63,9 @@ pub(super) fn market(generator: &mut Generator) -> Result<LightAndPath, SceneErr
                     generator.within(half * Vec3::new(-0.9, 0.4, -0.9), half * Vec3::new(0.9, 0.44, 0.9));
                 heaps.sphere(foot + middle, generator.between(0.06, 0.13), 8, 5);
             }
-            for _ in 0..generator.count(5) {
+            let is_lit = ((row + 5) * 13 + stall + 6) % one_in == 0;
+            let hooks = if is_lit { generator.count(5) } else { 0 };
+            for _ in 0..hooks {
                 let hook = foot + generator.within(Vec3::new(-2.2, 3.2, -2.0), Vec3::new(2.2, 4.6, 2.0));
                 let lamp = hook - Vec3::Y * generator.between(0.5, 1.3);
                 chains.rod(hook, lamp, 0.008, 3);

@@ -69,6 +69,18 @@ fn triangle_counts_keep_their_promise() {
 }
 
 #[test]
+fn the_market_has_lanterns_by_its_detail() {
+    for (detail, low, high) in [(0.025, 250, 350), (1.0, 10_000, 12_000)] {
+        let market = small("market", Options { detail, ..Options::default() });
+        let lanterns = market.meshes.iter().filter(|mesh| mesh.name == "lanterns");
+        let count: u32 = lanterns.map(|mesh| mesh.triangle_count).sum();
+        assert!((low..=high).contains(&count), "{count} triangles shine at {detail}");
+        let bounds = crate::Bounds::of(&market.triangles);
+        assert!((bounds.max.x - 30.0).abs() < 1.0, "paving ends at {} at {detail}", bounds.max.x);
+    }
+}
+
+#[test]
 fn the_forest_is_large_by_its_instances() {
     let forest = small("forest", Options::default());
     let placed = forest.placed().count();
