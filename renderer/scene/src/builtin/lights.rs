@@ -1,4 +1,5 @@
-//! Light that is hard to find: a night market under lanterns; a loft with two windows and a slit.
+//! Light that is hard to find: a night market under lanterns; a loft with two windows and a slit; a room that
+//! is lit through a door.
 
 use std::f32::consts::TAU;
 
@@ -14,6 +15,8 @@ use crate::{SceneError, Sky};
 const MARKET: f32 = 30.0;
 /// The loft: half width, height, half depth.
 const LOFT: Vec3 = Vec3::new(4.0, 3.2, 5.0);
+/// The angle by which the door of `doorway` stands open.
+const AJAR_RAD: f32 = 0.7;
 
 fn night(level: f32) -> Sky {
     Sky { horizon: Vec3::new(0.5, 0.55, 0.8) * level, zenith: Vec3::new(0.2, 0.3, 0.6) * level, sun: None }
@@ -147,4 +150,95 @@ pub(super) fn loft(generator: &mut Generator) -> Result<LightAndPath, SceneError
     ];
     let sky = Sky { horizon: Vec3::new(2.4, 2.5, 2.7), zenith: Vec3::new(1.0, 1.5, 2.8), sun: None };
     Ok(LightAndPath { sky, keys })
+}
+
+/// Two rooms without windows. Lamps hang in one; the other has what light comes through a door that is ajar.
+pub(super) fn doorway(generator: &mut Generator) -> Result<LightAndPath, SceneError> {
+    let at = Vec3::new;
+    let mut walls = Shapes::new();
+    for (low, high) in [
+        (at(-5.2, -0.2, -3.2), at(5.2, 0.0, 3.2)),
+        (at(-5.2, 2.8, -3.2), at(5.2, 3.0, 3.2)),
+        (at(-5.2, 0.0, -3.2), at(-5.0, 2.8, 3.2)),
+        (at(5.0, 0.0, -3.2), at(5.2, 2.8, 3.2)),
+        (at(-5.0, 0.0, -3.2), at(5.0, 2.8, -3.0)),
+        (at(-5.0, 0.0, 3.0), at(5.0, 2.8, 3.2)),
+        // The wall between the rooms, on both sides of the door and above it.
+        (at(-0.15, 0.0, -3.0), at(0.0, 2.8, -0.5)),
+        (at(-0.15, 0.0, 0.5), at(0.0, 2.8, 3.0)),
+        (at(-0.15, 2.1, -0.5), at(0.0, 2.8, 0.5)),
+    ] {
+        walls.cuboid(low, high);
+    }
+    generator.add("walls", matt(0.74, 0.7, 0.63), &walls)?;
+    let (sin, cos) = AJAR_RAD.sin_cos();
+    let section = [(0.0, 0.0), (0.99, 0.0), (0.99, 0.04), (0.0, 0.04)].map(|(x, y)| Vec2::new(x, y));
+    let end = |high: f32| (at(0.0, high, -0.495), at(sin, 0.0, cos), at(cos, 0.0, -sin));
+    let mut leaf = Shapes::new();
+    leaf.sweep(&section, &[end(0.03), end(2.09)]);
+    generator.add("door", polished(0.62, 0.56, 0.45, 0.4), &leaf)?;
+    let (mut globes, mut rods) = (Shapes::new(), Shapes::new());
+    for z in [-1.6, 0.0, 1.6] {
+        let lamp = at(-2.6, 2.0, z);
+        globes.sphere(lamp, 0.15, generator.segments(16), generator.segments(8));
+        rods.rod(lamp.with_y(2.14), lamp.with_y(2.8), 0.01, 4);
+    }
+    generator.add("lamps", glow(70.0, 58.0, 42.0), &globes)?;
+    generator.add("lamp rods", brass(), &rods)?;
+    furniture(generator)?;
+    let keys = vec![
+        key([4.5, 1.6, -2.5], [1.2, 1.0, 1.0], 60.0),
+        key([4.4, 1.7, 2.3], [0.0, 1.1, 0.2], 60.0),
+        key([3.6, 1.5, -1.0], [0.9, 1.1, 2.8], 60.0),
+        key([0.9, 1.6, -2.4], [3.2, 0.9, 1.6], 60.0),
+    ];
+    Ok(LightAndPath { sky: Sky::BLACK, keys })
+}
+
+/// Planks, a table with vases and a bookcase behind the door.
+fn furniture(generator: &mut Generator) -> Result<(), SceneError> {
+    let at = Vec3::new;
+    let (mut floor, mut table, mut vases) = (Shapes::new(), Shapes::new(), Shapes::new());
+    let planks = generator.segments(40);
+    let wide = 5.0 / planks as f32;
+    for plank in 0..planks {
+        let left = plank as f32 * wide;
+        let high = 0.02 + generator.between(0.0, 0.004);
+        floor.cuboid(at(left, 0.0, -3.0), at(left + wide - 0.01, high, 3.0));
+    }
+    generator.add("planks", polished(0.45, 0.3, 0.18, 0.35), &floor)?;
+    table.cuboid(at(2.0, 0.72, 0.6), at(3.4, 0.76, 1.8));
+    for (x, z) in [(2.08, 0.68), (3.32, 0.68), (3.32, 1.72), (2.08, 1.72)] {
+        table.rod(at(x, 0.0, z), at(x, 0.72, z), 0.03, 8);
+    }
+    for index in 0..4 {
+        let foot = on_circle(TAU * index as f32 / 4.0, 0.35, 0.76) + at(2.7, 0.0, 1.2);
+        let belly = generator.between(0.07, 0.12);
+        let profile = [(0.6, 0.0), (1.0, 0.8), (0.9, 1.4), (0.35, 2.0), (0.5, 2.6)];
+        vases.lathe(
+            foot,
+            &profile.map(|(radius, high)| Vec2::new(radius, high) * belly),
+            generator.segments(40),
+        );
+    }
+    generator.add("vases", polished(0.1, 0.25, 0.45, 0.1), &vases)?;
+    let covers =
+        generator.materials([matt(0.5, 0.12, 0.1), matt(0.14, 0.26, 0.4), polished(0.6, 0.5, 0.3, 0.4)]);
+    let mut books = [(); 3].map(|()| Shapes::new());
+    for x in [0.57, 2.4] {
+        table.cuboid(at(x, 0.0, 2.68), at(x + 0.03, 2.2, 3.0));
+    }
+    for shelf in 0..5 {
+        let high = 0.1 + 0.42 * shelf as f32;
+        table.cuboid(at(0.6, high - 0.03, 2.68), at(2.4, high, 3.0));
+        let count = generator.count(32);
+        let wide = 1.8 / count as f32;
+        for book in 0..count {
+            let left = 0.6 + wide * book as f32;
+            let (front, top) = (generator.between(2.7, 2.76), high + generator.between(0.2, 0.34));
+            books[generator.below(3)].cuboid(at(left, high, front), at(left + wide * 0.95, top, 2.98));
+        }
+    }
+    generator.add("table and bookcase", matt(0.4, 0.26, 0.15), &table)?;
+    generator.add_each("books", &covers, &books)
 }

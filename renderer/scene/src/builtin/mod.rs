@@ -5,7 +5,7 @@
 //! `cables` and `scaffold` have thin and long ones. `statue` is one dense surface. `city` has a wide extent,
 //! and so has `model`, whose shading needs few features. `forest` fits memory only as instances. `grove` has
 //! cards that are mostly holes. `sea` has a mesh that deforms; parts move in `needles` and `sea`. Light is
-//! hard to find in `market` and `loft`. `quick` is a small one for trials.
+//! hard to find in `market`, `loft` and `doorway`. `quick` is a small one for trials.
 
 mod architecture;
 mod city;
@@ -40,7 +40,7 @@ use super::{Scene, SceneError, framing::CameraPose, limits::DETAIL_RANGE};
 /// A scene in the list: its name, its description, and its generator.
 type Entry = (&'static str, &'static str, fn(&mut Generator) -> Result<LightAndPath, SceneError>);
 
-const SCENES: [Entry; 16] = [
+const SCENES: [Entry; 17] = [
     (
         "hall",
         "columned hall with coffered ceiling, sunlit through high windows; 250,000 triangles",
@@ -79,6 +79,11 @@ const SCENES: [Entry; 16] = [
         "loft",
         "room that the sky reaches through two windows and a lamp through a slit; 2,500 triangles",
         lights::loft,
+    ),
+    (
+        "doorway",
+        "room without windows, lit by lamps of the next one through a door that is ajar; 4,700 triangles",
+        lights::doorway,
     ),
     (
         "quick",

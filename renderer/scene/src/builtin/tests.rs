@@ -56,6 +56,7 @@ fn triangle_counts_keep_their_promise() {
         ("sea", 170_000, 240_000),
         ("model", 400_000, 560_000),
         ("grove", 140_000, 230_000),
+        ("doorway", 4_500, 4_900),
         ("quick", 16_000, 26_000),
     ] {
         let count = small(name, Options::default()).triangles.len();
