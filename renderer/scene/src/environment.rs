@@ -8,7 +8,10 @@ use std::path::Path;
 
 use glam::Vec3;
 
-use super::{SceneError, error::one_line, images, limits::ENVIRONMENT_EDGE_MAX};
+use super::{SceneError, Sky, error::one_line, images, limits::ENVIRONMENT_EDGE_MAX};
+
+/// Pixels across of [`Environment::of_sky`], each about as wide as the sun of [`Sky::daylight`].
+const SKY_WIDTH: u32 = 256;
 
 /// Radiance from every direction.
 #[derive(Clone, Debug)]
@@ -50,6 +53,24 @@ impl Environment {
             *pixel = pixel.map(|channel| if channel.is_finite() { channel.max(0.0) } else { 0.0 });
         }
         Ok(Self { width, height: height as u32, pixels })
+    }
+
+    /// A small map of a sky. One pixel has all light of the sun.
+    pub(crate) fn of_sky(sky: &Sky) -> Self {
+        let (width, height) = (SKY_WIDTH, SKY_WIDTH / 2);
+        let up = |row: f32| (row / height as f32 * PI).cos();
+        let row = |row: u32| {
+            let radiance = sky.horizon.lerp(sky.zenith, up(row as f32 + 0.5).max(0.0));
+            vec![radiance; width as usize]
+        };
+        let mut map = Self { width, height, pixels: (0..height).flat_map(row).collect() };
+        if let Some(sun) = sky.sun {
+            let pixel = map.pixel(sun.direction);
+            let row = (pixel / width as usize) as f32;
+            let solid_angle = (up(row) - up(row + 1.0)) * TAU / width as f32;
+            map.pixels[pixel] += sun.irradiance / solid_angle;
+        }
+        map
     }
 
     /// This sky brighter by a factor, and turned to the right by an angle, rounded to pixels.
@@ -139,6 +160,25 @@ mod tests {
             }
         }
         assert!(map.radiance(Vec3::NAN).is_nan() || map.radiance(Vec3::NAN).is_finite());
+    }
+
+    #[test]
+    fn a_map_of_a_sky_has_its_gradient_and_its_sun() {
+        let day = Sky::daylight();
+        let [map, dark] = [day, Sky { sun: None, ..day }].map(|sky| Environment::of_sky(&sky));
+        let at = |direction: Vec3| dark.pixels()[dark.pixel(direction)];
+        assert!(
+            (at(Vec3::Y) - day.zenith).length() < 1e-3 && (at(Vec3::NEG_Y) - day.horizon).length() < 1e-6
+        );
+        let sun = day.sun.expect("it is day");
+        let brighter = (0..map.pixels().len()).filter(|pixel| map.pixels()[*pixel] != dark.pixels()[*pixel]);
+        assert_eq!(brighter.collect::<Vec<_>>(), [map.pixel(sun.direction)]);
+        // Pixels are as high as they are wide at the horizon.
+        let edge = TAU / 256.0;
+        let solid_angle = edge * edge * (1.0 - sun.direction.y.powi(2)).sqrt();
+        let pixel = map.pixel(sun.direction);
+        let light = (map.pixels()[pixel] - dark.pixels()[pixel]) * solid_angle;
+        assert!((light / sun.irradiance - Vec3::ONE).abs().max_element() < 0.03, "{light}");
     }
 
     #[test]

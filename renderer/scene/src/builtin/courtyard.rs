@@ -1,6 +1,7 @@
 //! A small courtyard for tests and trials: an arcade around a fountain, a tree, a few shiny things.
 
 use std::f32::consts::{PI, TAU};
+use std::sync::Arc;
 
 use glam::{Vec2, Vec3};
 
@@ -8,8 +9,8 @@ use super::architecture::{Opening, WallPlane, arched_wall, archivolt, chequered,
 use super::generator::{Generator, LightAndPath, key, sunny};
 use super::noise::octaves;
 use super::palette::{brass, glass, glow, matt, metal, polished};
-use crate::SceneError;
 use crate::shapes::{Shapes, on_circle};
+use crate::{Environment, SceneError, Sky};
 
 /// Half the side of the open yard, metres.
 const HALF: f32 = 6.0;
@@ -34,6 +35,13 @@ pub(super) fn build(generator: &mut Generator) -> Result<LightAndPath, SceneErro
         key([3.0, 3.8, -3.8], [-0.6, 1.2, 0.6], 54.0),
     ];
     Ok(LightAndPath { sky, keys })
+}
+
+/// The courtyard with the light of its sky in an environment map.
+pub(super) fn patio(generator: &mut Generator) -> Result<LightAndPath, SceneError> {
+    let plan = build(generator)?;
+    generator.environment = Some(Arc::new(Environment::of_sky(&plan.sky)));
+    Ok(LightAndPath { sky: Sky::BLACK, ..plan })
 }
 
 fn floor(generator: &mut Generator) -> Result<(), SceneError> {

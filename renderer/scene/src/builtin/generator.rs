@@ -1,12 +1,15 @@
 //! The common part of generators: the assembler, a seeded random number generator, counts by detail.
 
+use std::sync::Arc;
+
 use glam::{Vec3, Vec4};
 use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
 
 use crate::texture::{Encoding, Wrap};
 use crate::{
-    Camera, Material, SceneError, Sky, Sun, assemble::Assembler, images::Pixels, part::Part, shapes::Shapes,
+    Camera, Environment, Material, SceneError, Sky, Sun, assemble::Assembler, images::Pixels, part::Part,
+    shapes::Shapes,
 };
 
 /// Options of a built-in scene.
@@ -54,11 +57,14 @@ pub(super) struct Generator<'a> {
     pub(super) assembler: &'a mut Assembler,
     dice: ChaCha8Rng,
     pub(super) options: Options,
+    /// Light from outside as a picture, beside a sky that is black.
+    pub(super) environment: Option<Arc<Environment>>,
 }
 
 impl<'a> Generator<'a> {
     pub(super) fn new(assembler: &'a mut Assembler, options: Options) -> Self {
-        Self { assembler, dice: ChaCha8Rng::seed_from_u64(options.seed), options }
+        let dice = ChaCha8Rng::seed_from_u64(options.seed);
+        Self { assembler, dice, options, environment: None }
     }
 
     /// The number of segments along one direction of a surface: its triangles go with the square.

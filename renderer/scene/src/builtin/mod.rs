@@ -5,7 +5,8 @@
 //! `cables` and `scaffold` have thin and long ones. `statue` is one dense surface. `city` has a wide extent,
 //! and so has `model`, whose shading needs few features. `forest` fits memory only as instances. `grove` has
 //! cards that are mostly holes. `sea` has a mesh that deforms; parts move in `needles` and `sea`. Light is
-//! hard to find in `market`, `loft` and `doorway`. `quick` is a small one for trials.
+//! hard to find in `market`, `loft` and `doorway`. `quick` is a small one for trials; `patio` has its shapes
+//! under an environment map.
 
 mod architecture;
 mod city;
@@ -40,7 +41,7 @@ use super::{Scene, SceneError, framing::CameraPose, limits::DETAIL_RANGE};
 /// A scene in the list: its name, its description, and its generator.
 type Entry = (&'static str, &'static str, fn(&mut Generator) -> Result<LightAndPath, SceneError>);
 
-const SCENES: [Entry; 17] = [
+const SCENES: [Entry; 18] = [
     (
         "hall",
         "columned hall with coffered ceiling, sunlit through high windows; 250,000 triangles",
@@ -90,6 +91,11 @@ const SCENES: [Entry; 17] = [
         "small courtyard with a fountain for tests and demonstrations; 20,000 triangles",
         courtyard::build,
     ),
+    (
+        "patio",
+        "the courtyard of quick under an environment map with a small sun; 20,000 triangles",
+        courtyard::patio,
+    ),
 ];
 
 /// The names of all built-in scenes.
@@ -123,9 +129,13 @@ pub fn build(name: &str, options: &Options) -> Result<Scene, SceneError> {
         return Err(SceneError::BadOption("time", options.time));
     }
     let mut assembler = Assembler::new(*name, &PathBuf::from(format!("builtin:{name}")));
-    let plan = generate(&mut Generator::new(&mut assembler, *options))?;
+    let (plan, environment) = {
+        let mut generator = Generator::new(&mut assembler, *options);
+        (generate(&mut generator)?, generator.environment)
+    };
     let views = plan.keys.iter().take(1).map(CameraPose::from);
     let mut scene = assembler.finish(Lighting::Given(plan.sky), views.collect())?;
     scene.path_keys = plan.keys;
+    scene.environment = environment;
     Ok(scene)
 }

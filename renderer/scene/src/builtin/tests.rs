@@ -27,6 +27,7 @@ fn scenes_are_valid() {
         assert!(scene.path_keys.len() >= 4, "{name}");
         let alike = scene.materials.iter().all(|material| *material == scene.materials[0]);
         assert_eq!(alike, name == "model", "{name} has varied materials, but for the model");
+        assert_eq!(scene.environment.is_some(), name == "patio", "{name}");
         let zero_area = scene.notes.iter().any(|note| note.contains("without area"));
         assert!(!zero_area, "{name}: {:?}", scene.notes);
     }
@@ -38,6 +39,8 @@ fn the_same_options_give_the_same_bytes() {
         let [a, b] = [small(name, SMALL), small(name, SMALL)];
         assert_eq!(a.triangles.indices(), b.triangles.indices());
         assert!(a.triangles.positions() == b.triangles.positions() && a.normals == b.normals, "{name}");
+        let map = |scene: &Scene| scene.environment.as_ref().map(|map| map.pixels().to_vec());
+        assert!(map(&a) == map(&b), "{name}");
         assert_eq!((a.materials, a.cameras, a.path_keys), (b.materials, b.cameras, b.path_keys));
         assert!(a.uvs == b.uvs && a.textures == b.textures, "{name}");
     }
@@ -58,6 +61,7 @@ fn triangle_counts_keep_their_promise() {
         ("grove", 140_000, 230_000),
         ("doorway", 4_500, 4_900),
         ("quick", 16_000, 26_000),
+        ("patio", 16_000, 26_000),
     ] {
         let count = small(name, Options::default()).triangles.len();
         assert!((low..=high).contains(&count), "{name} has {count} triangles");
