@@ -100,6 +100,15 @@ impl SunDisc {
     }
 }
 
+/// Where a map is learnt, the part of its rays that the guide draws. The map's brightness draws the others: a
+/// small sun fills a thousandth of a direction of the guide.
+const BY_GUIDE: f32 = 0.5;
+
+/// Density of a direction that the guide or the map's brightness draws.
+fn by_either(by_guide: f32, by_map: f32) -> f32 {
+    BY_GUIDE * by_guide + (1.0 - BY_GUIDE) * by_map
+}
+
 impl Lights {
     /// Collects the lights of a scene: O(triangles of emissive meshes, those of every instance counted).
     pub fn new(scene: &Scene) -> Self {
@@ -380,11 +389,21 @@ impl Lights {
     }
 
     fn sample_sky(&self, position: Vec3, pick: f32, u: [f32; 2]) -> Option<LightSample> {
-        let Some(guide) = self.guide() else { return Some(self.environment.as_ref()?.sample(pick, u)) };
-        let (direction, pdf) = guide.sample(position, pick, u);
-        let environment = self.environment.as_ref();
-        let radiance =
-            environment.map_or_else(|| self.sky(direction), |environment| environment.look_up(direction).0);
+        let (direction, radiance, pdf) = match (self.guide(), &self.environment) {
+            (None, map) => return Some(map.as_ref()?.sample(pick, u)),
+            (Some(guide), None) => {
+                let (direction, pdf) = guide.sample(position, pick, u);
+                (direction, self.sky(direction), pdf)
+            }
+            (Some(guide), Some(map)) => {
+                let direction = match pick < BY_GUIDE {
+                    true => guide.sample(position, pick / BY_GUIDE, u).0,
+                    false => map.sample((pick - BY_GUIDE) / (1.0 - BY_GUIDE), u).direction,
+                };
+                let (radiance, by_map) = map.look_up(direction);
+                (direction, radiance, by_either(guide.density(position, direction), by_map))
+            }
+        };
         Some(LightSample { direction, distance: f32::INFINITY, radiance, pdf })
     }
 
@@ -523,9 +542,9 @@ impl Lights {
         let looked_up = self.environment.as_ref().map(|environment| environment.look_up(direction));
         let (radiance, pdf) = match (self.guide(), looked_up) {
             (None, looked_up) => looked_up?,
-            (Some(guide), looked_up) => {
-                let radiance = looked_up.map_or_else(|| self.sky(direction), |(radiance, _)| radiance);
-                (radiance, guide.density(position, direction))
+            (Some(guide), None) => (self.sky(direction), guide.density(position, direction)),
+            (Some(guide), Some((radiance, by_map))) => {
+                (radiance, by_either(guide.density(position, direction), by_map))
             }
         };
         let share = self.learnt_shares(position).map_or(self.environment_share, |[sky, ..]| sky);

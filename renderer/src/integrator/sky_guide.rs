@@ -131,9 +131,13 @@ impl SkyGuide {
         ((z * self.cells.y + y) * self.cells.x + x) as usize
     }
 
-    /// With shares for the kinds of light that there are.
+    /// With shares for the kinds of light that there are. Without a sun, light that shadow rays found at
+    /// infinity came from the sky's map.
     pub(super) fn keep_kinds(mut self, there: [bool; 3]) -> Self {
-        self.shares.iter_mut().for_each(|shares| *shares = with_least(*shares, there));
+        for shares in &mut self.shares {
+            let [sky, sun, lamp] = *shares;
+            *shares = with_least(if there[1] { *shares } else { [sky + sun, 0.0, lamp] }, there);
+        }
         self
     }
 
