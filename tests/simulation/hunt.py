@@ -54,8 +54,9 @@ DEFECTS = {
     ),
     "completed_trial_learnt_twice": (
         "server/core/src/tuner/report.rs",
-        "let learnt = self.complete(completed);\n",
-        "if HERE { self.states.learn(state, completed, 0.0); }\n        let learnt = self.complete(completed);\n",
+        "let learnt = self.knowledge.complete(&self.spec, is_few, completed);\n",
+        "if HERE { self.knowledge.states.learn(state, completed, 0.0); }\n"
+        "        let learnt = self.knowledge.complete(&self.spec, is_few, completed);\n",
     ),
     "lease_never_ends": (
         "server/core/src/tuner/clients/trials.rs",

@@ -51,7 +51,7 @@ impl FrameCounts {
         self.frames[mode] += 1;
         self.cost[mode] += cost;
         self.reached[mode] += view.maximum(cost).unwrap_or(0.0);
-        if let Some(best) = tuner.best_cost(trial.state_id) {
+        if let Some(best) = tuner.knowledge().best_cost(trial.state_id) {
             self.regret[mode] += (cost - best).max(0.0);
         }
     }

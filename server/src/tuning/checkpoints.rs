@@ -35,7 +35,11 @@ impl Live {
         // After a failure the next attempt comes after as many trials again.
         self.saved.completion = completed;
         let before = self.commit(store, &[]);
-        Some(DueCheckpoint { learnt: self.tuner.learnt(), fence: self.fence().clone(), before })
+        Some(DueCheckpoint {
+            learnt: self.tuner.knowledge().learnt(self.tuner.spec()),
+            fence: self.fence().clone(),
+            before,
+        })
     }
 }
 

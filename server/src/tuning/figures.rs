@@ -24,7 +24,7 @@ impl Live {
         debug_assert!(skipped <= statistics.trials, "{skipped} of {} are another's", statistics.trials);
         statistics.trials = statistics.trials.saturating_sub(skipped);
         let view = self.tuner.spec().objective.view();
-        let errors = self.tuner.predictor_errors().into_iter();
+        let errors = self.tuner.knowledge().predictor_errors().into_iter();
         StudyFigures {
             study,
             statistics,

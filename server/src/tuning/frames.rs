@@ -122,7 +122,7 @@ impl Tuning {
                     })
                 });
                 let receipt = live.commit(store, &changes);
-                Some((completed, suggested, receipt, live.tuner.has_deferred_updates()))
+                Some((completed, suggested, receipt, live.tuner.knowledge().has_deferred_updates()))
             })
             .await;
         match computed {
@@ -294,7 +294,7 @@ fn completed(
 }
 
 fn taken(live: &mut Live, store: &dyn Store, completed: Box<Trial>, change: Change) -> Taken {
-    (completed, live.commit(store, &[change]), live.tuner.has_deferred_updates())
+    (completed, live.commit(store, &[change]), live.tuner.knowledge().has_deferred_updates())
 }
 
 fn queue(live: &mut Live, store: &dyn Store, outcome: ReportOutcome) -> Queued {

@@ -36,7 +36,7 @@ pub(super) enum Preparation {
 impl Live {
     /// The computation that a question needs before its answer with this plan.
     pub(super) fn preparation(&mut self, request: Box<PlanRequest>, is_updated: bool) -> Preparation {
-        if !is_updated && self.tuner.has_deferred_updates() {
+        if !is_updated && self.tuner.knowledge().has_deferred_updates() {
             return Preparation::Update;
         }
         let token = request.searched_state().map(|state| self.planned_searches.take(state));
@@ -139,8 +139,9 @@ impl Tuning {
     /// Its caller holds `updating`, so that the work is not done twice.
     async fn update_models(&self, runtime: &Runtime) {
         debug_assert!(runtime.updating.try_lock().is_err(), "two compute these updates");
-        let deferred =
-            |live: &mut Live| Some((live.tuner.deferred_updates()?, Arc::clone(live.tuner.spec())));
+        let deferred = |live: &mut Live| {
+            Some((live.tuner.knowledge().deferred_updates()?, Arc::clone(live.tuner.spec())))
+        };
         let Some(permit) = self.planning_permit().await else {
             return;
         };
@@ -153,7 +154,7 @@ impl Tuning {
             computed
         };
         if let Ok(computed) = compute_aside(update).await {
-            runtime.peek(|live| live.tuner.apply_updates(computed));
+            runtime.peek(|live| live.tuner.knowledge_mut().apply_updates(computed));
         }
     }
 }
@@ -259,7 +260,7 @@ mod tests {
         let tuning = tuning().await;
         frame(&tuning, "one", 0.1).await;
         let runtime = tuning.runtime("hall");
-        let is_behind = || runtime.peek(|live| live.tuner.has_deferred_updates());
+        let is_behind = || runtime.peek(|live| live.tuner.knowledge().has_deferred_updates());
         let turn = runtime.updating.lock().await;
         for number in 0..4 {
             frame(&tuning, "two", 0.2 * f64::from(number)).await;
@@ -277,7 +278,11 @@ mod tests {
             frame(&tuning, "one", 0.1 * f64::from(number)).await;
         }
         let runtime = tuning.runtime("hall");
-        assert_eq!(runtime.peek(|live| live.tuner.has_deferred_updates()), Some(false));
-        assert!(runtime.peek(|live| live.tuner.predictor_errors().len()).is_some_and(|count| count > 0));
+        assert_eq!(runtime.peek(|live| live.tuner.knowledge().has_deferred_updates()), Some(false));
+        assert!(
+            runtime
+                .peek(|live| live.tuner.knowledge().predictor_errors().len())
+                .is_some_and(|count| count > 0)
+        );
     }
 }

@@ -43,7 +43,7 @@ impl Live {
         // A change of predictor teaches the new models the latest trials before it. The last trial always
         // stays: the study's counts are read from it, and a checkpoint ahead of them would be ignored.
         let mut completion = stored.min(counts.completed_trials.saturating_sub(models.max(1)));
-        let since = self.tuner.models_since();
+        let since = self.tuner.knowledge().models_since();
         if stored <= since {
             completion = completion.min(since.saturating_sub(models));
         }
@@ -51,7 +51,12 @@ impl Live {
         assert!(number < trials, "the last of {trials} trials has to stay");
         assert!(completion <= stored, "no checkpoint covers completion {completion}");
         assert!(completion == 0 || completion < completed, "the last of {completed} completed has to stay");
-        Some(DueRemoval { learnt: self.tuner.learnt(), fence: self.fence().clone(), number, completion })
+        Some(DueRemoval {
+            learnt: self.tuner.knowledge().learnt(self.tuner.spec()),
+            fence: self.fence().clone(),
+            number,
+            completion,
+        })
     }
 }
 

@@ -250,7 +250,7 @@ fn keep(runtime: &Weak<Runtime>, read: Read, study: &str) {
     let Some(runtime) = runtime.upgrade() else {
         return;
     };
-    tuner.defer_updates();
+    tuner.knowledge_mut().defer_updates();
     tuner.pardon_leases(back_since(runtime.environment.clock.now_ms()));
     let completed = tuner.statistics().completed_trials;
     debug_assert!(saved.completion <= completed, "{} of {completed} are saved", saved.completion);

@@ -274,7 +274,8 @@ impl Live {
             return Ok((Best { configuration, ..best }, true));
         }
         let fits = |known: &Configuration| self.expressed(revision, known).is_some();
-        let other = self.tuner.cheapest_instead(best, fits).ok_or(TunerError::Outdated(revision))?;
+        let other =
+            self.tuner.knowledge().cheapest_instead(best, fits).ok_or(TunerError::Outdated(revision))?;
         let configuration = self.expressed(revision, &other.configuration);
         let configuration = configuration.ok_or(TunerError::Outdated(revision))?;
         Ok((Best { configuration, ..other }, false))
@@ -282,7 +283,7 @@ impl Live {
 
     /// The cheapest configuration measured in a state that can be expressed in an earlier revision.
     fn cheapest_known(&self, revision: u32, state: u64) -> Option<Configuration> {
-        self.tuner.cheapest(state, |known| self.expressed(revision, known).is_some())
+        self.tuner.knowledge().cheapest(state, |known| self.expressed(revision, known).is_some())
     }
 
     /// A configuration of the present space in an earlier one.

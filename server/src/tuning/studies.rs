@@ -88,7 +88,7 @@ impl Tuning {
                 live.is_stale = policy_set.map_err(|error| Error::invalid("study", error))?;
                 live.tuner.set_texts(&spec);
                 debug_assert_eq!(**live.tuner.spec(), spec, "one study decides and another is stored");
-                let models_since = live.tuner.models_since();
+                let models_since = live.tuner.knowledge().models_since();
                 Ok::<_, Error>(store.update_study(live.fence(), &spec, &live.earlier, models_since))
             })
             .await??;

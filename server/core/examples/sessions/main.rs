@@ -152,8 +152,8 @@ impl Session {
             self.tuner.suggest_wanted(&ask, wanted, self.now_ms)
         } else if self.apart {
             let spec = Arc::clone(self.tuner.spec());
-            if let Some(updates) = self.tuner.deferred_updates() {
-                self.tuner.apply_updates(updates.compute(&spec.space));
+            if let Some(updates) = self.tuner.knowledge().deferred_updates() {
+                self.tuner.knowledge_mut().apply_updates(updates.compute(&spec.space));
             }
             let mut plan = None;
             loop {
@@ -251,7 +251,7 @@ fn main() {
             let begins = if (6..9).contains(&place) { policies[0].1.clone() } else { policy.clone() };
             let mut tuner = Tuner::new(Arc::new(spec(begins))).expect("a valid specification");
             if apart {
-                tuner.defer_updates();
+                tuner.knowledge_mut().defer_updates();
             }
             let random = ChaCha8Rng::seed_from_u64(fnv::hash(name.bytes()));
             let mut session = Session { tuner, random, now_ms: 0, trials: BTreeMap::new(), apart };
@@ -276,10 +276,15 @@ fn main() {
                 );
                 println!("best {x}: {:?}", session.tuner.best(Some(&indicators), None));
             }
-            let mut errors = session.tuner.predictor_errors();
+            let mut errors = session.tuner.knowledge().predictor_errors();
             errors.sort_by_key(|(predictor, _)| predictor.name());
             println!("{:?} {errors:?}", session.tuner.statistics());
-            let learnt = session.tuner.learnt().checkpoint().map_or(0, |learnt| fnv::hash(learnt.bytes));
+            let learnt = session
+                .tuner
+                .knowledge()
+                .learnt(session.tuner.spec())
+                .checkpoint()
+                .map_or(0, |learnt| fnv::hash(learnt.bytes));
             println!("learnt {learnt:016x}");
         }
     }

@@ -32,7 +32,7 @@ impl Tuner {
         let start = self.start_of(ask).filter(|start| self.standings().may_run_start(state, start));
         let would = self.exploiting(planned).exploitation(start.as_ref(), normalised, Some(state), ground);
         let configuration = start.unwrap_or_else(|| self.spec.space.default_configuration());
-        let predicted_cost = self.states.cost_of(state, &configuration);
+        let predicted_cost = self.knowledge.states.cost_of(state, &configuration);
         let costs = would.predicted_cost.zip(predicted_cost);
         let expected_gain =
             costs.map(|(cost, default)| (default - cost) / default).filter(|gain| gain.is_finite());
@@ -60,11 +60,11 @@ impl Tuner {
         if self.visits.has_other_wishes(client_id, &ask.session_policy) {
             return Some(visit.number + 1);
         }
-        let (policy, stay) = (&self.spec.policy, self.history.stay(client_id, state));
+        let (policy, stay) = (&self.spec.policy, self.knowledge.history.stay(client_id, state));
         let wishes = self.wishes(&ask.session_policy);
         let ends = match &visit.decision {
             VisitDecision::Explore { rule, estimate } => {
-                let results = self.states.results(state);
+                let results = self.knowledge.states.results(state);
                 // Where nothing else is known, exploring goes on.
                 let may_end = *rule == ExploreRule::Dice || results.best().is_some();
                 let tried = results.tried() as u64;
@@ -88,12 +88,13 @@ impl Tuner {
                 let is_outdated = rule == ExploitRule::Frozen && policy.operation == Operation::Tune
                     || rule == ExploitRule::Gain && !policy.weigh_gain
                     || threw == Some(0.0) && !wishes.never_explores();
-                self.states.results(state).fails(configuration)
+                self.knowledge.states.results(state).fails(configuration)
                     || begins_again
                     || is_outdated
                     || self.standings().has_new_start(state, start.as_ref(), visit.since)
                     || wishes.is_unfounded(state, (configuration, &exploit.source), start.as_ref())
-                    || policy.roll_back && self.gain().does_clearly_worse(state, configuration)
+                    || policy.roll_back
+                        && self.knowledge.gain(&self.spec.policy).does_clearly_worse(state, configuration)
                     || doubled
                         && (exploit.rule == ExploitRule::Gain && policy.weigh_gain || is_thrown_again())
             }
@@ -109,7 +110,7 @@ impl Tuner {
             && policy.regret_budget.is_none()
             && ask.session_policy.epsilon.unwrap_or(policy.epsilon) > 0.0
             && self.wishes(&ask.session_policy).is_finished(state)
-            && self.rechecks.wanted(&ask.client_id, state).is_some()
+            && self.knowledge.rechecks.wanted(&ask.client_id, state).is_some()
     }
 
     /// The epsilon-greedy decision for visit `number` of a client to a state (paper section 6).
@@ -128,7 +129,7 @@ impl Tuner {
         let (ground, start) = (wishes.ground(), self.start_of(ask));
         let exploiting = self.exploiting(planned);
         let exploit = || exploiting.exploitation(start.as_ref(), normalised, Some(state), ground);
-        let fails = |would: &Exploitation| self.states.results(state).fails(&would.configuration);
+        let fails = |would: &Exploitation| self.knowledge.states.results(state).fails(&would.configuration);
         if self.spec.policy.operation == Operation::Freeze {
             return exploit().kept(ExploitRule::Frozen, ExplorationEstimate::default());
         }

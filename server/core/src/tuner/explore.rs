@@ -59,7 +59,7 @@ impl Tuner {
             return Explored::Candidate(candidate);
         }
         self.walk().ensure(room, state, planned);
-        let is_exhausted = self.searches.few().is_exhausted(self.states.results(state));
+        let is_exhausted = self.searches.few().is_exhausted(self.knowledge.states.results(state));
         let next = match is_exhausted {
             true => NextPoint::Wait,
             false => {
@@ -114,7 +114,7 @@ impl Tuner {
         let is_wanted = policy.abort_above.or(ask.session_policy.abort_above).is_some();
         let is_stopped = is_wanted && trial.decision.abort_above().is_some();
         let is_limited = policy.regret_budget.is_some() || is_stopped;
-        let goes_on = self.states.results(state).tried() < policy.trials_per_state as usize;
+        let goes_on = self.knowledge.states.results(state).tried() < policy.trials_per_state as usize;
         let explores = trial.decision.explores() && goes_on && !is_limited;
         explores.then(|| drawn(&self.transfer(), state, TrialNumber(trial.number), of)).flatten()
     }

@@ -74,11 +74,11 @@ impl Tuner {
         start: Option<&Configuration>,
         planned: &Planned,
     ) -> Insight {
-        let results = self.states.results(state);
+        let results = self.knowledge.states.results(state);
         // A session may want a longer search than the study's operator, or a shorter one.
         let room = self.visits.room(state).unwrap_or(self.spec.policy.trials_per_state as usize);
         let is_finished = self.standings().is_spent_within(room, state);
-        let prospect = self.gain().prospect("", state, room);
+        let prospect = self.knowledge.gain(&self.spec.policy).prospect("", state, room);
         let left = room.saturating_sub(self.searches.taken(state, results, &self.spec.policy));
         let mut omissions = Vec::new();
         if self.spec.policy.weigh_gain && !is_finished && prospect.trials == 0 {
@@ -92,12 +92,12 @@ impl Tuner {
             omissions.push(Omission { parameter: None, reason, summary, saved_trials });
         }
         omitted_parameters(&self.spec.space, results, &mut omissions);
-        omitted_indicators(&self.spec.indicators, &self.states, &mut omissions);
+        omitted_indicators(&self.spec.indicators, &self.knowledge.states, &mut omissions);
         Insight {
             state_id: state.0,
             tried: results.tried() as u64,
-            visits: self.history.visits(state),
-            frames: self.history.frames(state),
+            visits: self.knowledge.history.visits(state),
+            frames: self.knowledge.history.frames(state),
             noise: results.noise(),
             outliers: results.outliers(),
             drifts: results.drifts(),

@@ -1,38 +1,29 @@
 //! Learning from completed trials: what a cost is believed to be, and what the tables, the speeds of machines
 //! and the models make of it.
 
-use std::sync::Arc;
-
 use crate::decision::Choice;
 use crate::ids::StateId;
 use crate::predict::Predictors;
 use crate::search::Verdict;
 use crate::study::StudySpec;
 use crate::trial::{Outcome, Trial};
-use crate::tuner::exploring::{Searches, transfer};
-use crate::tuner::knowledge::{
-    Auxiliaries, Beside, History, LearntCost, Models, Moved, Rechecks, Speeds, States, Unheld, models,
-    progress,
-};
+use crate::tuner::exploring::transfer;
+use crate::tuner::knowledge::{Beside, Knowledge, LearntCost, Moved, Unheld, models, progress};
 
-/// The parts that learn.
-#[derive(Debug)]
-pub(super) struct Learning<'a> {
-    pub(super) spec: &'a Arc<StudySpec>,
-    pub(super) states: &'a mut States,
-    pub(super) history: &'a mut History,
-    pub(super) speeds: &'a mut Speeds,
-    pub(super) rechecks: &'a mut Rechecks,
-    pub(super) auxiliaries: &'a mut Auxiliaries,
-    pub(super) models: &'a mut Models,
-    pub(super) searches: &'a Searches,
-}
+impl Knowledge {
+    /// Feeds a completed trial to the tables and the models: now, and again when they are rebuilt. Returns
+    /// the learnt cost. `is_few` says whether the space has so few configurations that all can be tried.
+    pub(super) fn complete(&mut self, spec: &StudySpec, is_few: bool, completed: &Trial) -> LearntCost {
+        let before = self.last_completion;
+        self.completed += 1;
+        self.last_completion = completed.completion.unwrap_or(before + 1);
+        assert!(self.last_completion > before, "completion {} after {before}", self.last_completion);
+        self.learn(spec, is_few, completed)
+    }
 
-impl Learning<'_> {
-    /// Feeds a completed trial to the tables and the models, and returns the learnt cost.
-    pub(super) fn learn(&mut self, completed: &Trial) -> LearntCost {
+    fn learn(&mut self, spec: &StudySpec, is_few: bool, completed: &Trial) -> LearntCost {
         let state = StateId(completed.state_id);
-        let mut learnt = self.understood(completed);
+        let mut learnt = self.understood(spec, completed);
         let understood = Trial { cost: learnt.cost, ..completed.clone() };
         // The table keeps every measurement and decides which of them count; all other parts learn the
         // believed cost.
@@ -44,10 +35,10 @@ impl Learning<'_> {
         learnt.believed = learnt.cost.map(|cost| results.believed(&completed.configuration, cost));
         assert!(learnt.believed.is_none_or(is_cost), "a cost of {:?}", learnt.believed);
         let believed = Trial { cost: learnt.believed, ..understood.clone() };
-        let (trial, spec) = (&believed, self.spec);
+        let trial = &believed;
         self.history.frame(&trial.client_id, state);
         if self.history.frames(state) == 1 && self.states.note_first_frame(state) {
-            self.models.begin_features(spec, self.states);
+            self.models.begin_features(spec, &self.states);
         }
         let verdict = verdict(trial).filter(|verdict| *verdict != Verdict::Infeasible || !is_flaky);
         if is_silent(trial) {
@@ -69,7 +60,7 @@ impl Learning<'_> {
                 self.models.predictors.test(&query, &trial.configuration, cost);
             }
             let default = spec.space.default_ref();
-            transfer::compare(self.states, default, state, &trial.configuration, cost);
+            transfer::compare(&mut self.states, default, state, &trial.configuration, cost);
         }
         let error = spec.objective.relative_error(&trial.measurements, &trial.standard_errors);
         self.states.learn(state, &understood, error);
@@ -82,16 +73,16 @@ impl Learning<'_> {
             }
         }
         if let Some(normalised) = normalised.as_ref().filter(|_| verdict.is_some()) {
-            self.teach(trial, normalised);
+            self.teach(spec, trial, normalised);
         }
-        self.models.catch_up(&self.spec.space);
-        self.states.forget_somewhere(self.searches.few().count().is_some());
+        self.models.catch_up(&spec.space);
+        self.states.forget_somewhere(is_few);
         learnt
     }
 
     /// The cost of a completed trial without the shares that its auxiliary measurements and its movement
     /// within the state explain, corrected for the present speed of its client's machine.
-    fn understood(&mut self, trial: &Trial) -> LearntCost {
+    fn understood(&mut self, spec: &StudySpec, trial: &Trial) -> LearntCost {
         let unchanged =
             LearntCost { cost: trial.cost, believed: trial.cost, has_jumped: false, has_changed: false };
         let state = StateId(trial.state_id);
@@ -102,19 +93,19 @@ impl Learning<'_> {
         }
         let Some(cost) = trial.cost.filter(|_| is_own) else { return unchanged };
         if trial.outcome != Some(Outcome::Ok) {
-            let factor = self.speeds.pace_of(&self.spec.policy, &trial.client_id);
+            let factor = self.speeds.pace_of(&spec.policy, &trial.client_id);
             return LearntCost { cost: Some((cost / factor).min(f64::MAX)), ..unchanged };
         }
-        let beside = self.beside(trial);
+        let beside = self.beside(spec, trial);
         let denoised =
             beside.as_ref().map_or(cost, |beside| self.auxiliaries.understood(state, cost, beside));
         let (mut factor, mut has_jumped) = (1.0, false);
-        if self.spec.policy.track_speed && self.changed(trial, denoised) {
+        if spec.policy.track_speed && self.changed(trial, denoised) {
             return LearntCost { has_changed: true, ..unchanged };
         }
-        if self.spec.policy.track_speed {
-            let pace = self.speeds.pace_of(&self.spec.policy, &trial.client_id);
-            let table = (self.states.results(state), self.spec.space.default_ref());
+        if spec.policy.track_speed {
+            let pace = self.speeds.pace_of(&spec.policy, &trial.client_id);
+            let table = (self.states.results(state), spec.space.default_ref());
             // A difference that may have another explanation is no speed.
             let has_metrics = beside.as_ref().is_some_and(|beside| !beside.auxiliary.is_empty());
             let holds = !has_metrics || self.auxiliaries.explains(state);
@@ -125,7 +116,7 @@ impl Learning<'_> {
             // While others are explored, a shift may be the luck by which they were chosen.
             let is_answer = matches!(trial.decision.choice, Choice::Exploit(_));
             if held.jumped.is_some() || held.is_shifted && is_answer {
-                let table = (self.states.results(state), self.spec.space.default_ref());
+                let table = (self.states.results(state), spec.space.default_ref());
                 let what = (trial.client_id.as_str(), state);
                 self.rechecks.begin(what, &trial.configuration, (denoised, pace), table);
             }
@@ -160,16 +151,16 @@ impl Learning<'_> {
     }
 
     /// The data of a trial beside its cost. `None` where it lacks a metric that the study names.
-    fn beside(&self, trial: &Trial) -> Option<Beside> {
-        let auxiliary = match self.spec.objective.auxiliary().is_empty() {
+    fn beside(&self, spec: &StudySpec, trial: &Trial) -> Option<Beside> {
+        let auxiliary = match spec.objective.auxiliary().is_empty() {
             true => Vec::new(),
-            false => self.spec.objective.auxiliary_of(&trial.measurements)?,
+            false => spec.objective.auxiliary_of(&trial.measurements)?,
         };
         let anchor = &self.states[StateId(trial.state_id)].anchor;
         // The indicators were checked when the trial was handed out.
-        let normalised = self.spec.indicators.normalise(&trial.indicators).unwrap_or_default();
+        let normalised = spec.indicators.normalise(&trial.indicators).unwrap_or_default();
         let mut offset: Vec<f64> = normalised.iter().zip(anchor).map(|(x, anchor)| x - anchor).collect();
-        if offset.iter().any(|offset| offset.abs() > self.spec.state_tolerance) {
+        if offset.iter().any(|offset| offset.abs() > spec.state_tolerance) {
             // No state matches, and there may be no more of them: its distance says nothing.
             offset.clear();
         }
@@ -208,12 +199,12 @@ impl Learning<'_> {
     }
 
     /// Teaches the models a completed trial whose result the tables hold.
-    pub(super) fn teach(&mut self, trial: &Trial, normalised: &[f64]) {
-        let needed = Predictors::are_needed(self.spec.policy.predictor);
+    pub(super) fn teach(&mut self, spec: &StudySpec, trial: &Trial, normalised: &[f64]) {
+        let needed = Predictors::are_needed(spec.policy.predictor);
         if let Some(verdict) = verdict(trial).filter(|_| needed) {
             let (state, configuration) = (StateId(trial.state_id), &trial.configuration);
             let result = models::Result { normalised, state, configuration, verdict };
-            self.models.teach(self.spec, self.states, &result);
+            self.models.teach(spec, &self.states, &result);
         }
     }
 }

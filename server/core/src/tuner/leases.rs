@@ -76,7 +76,7 @@ impl Tuner {
     fn note_lost(&mut self, number: TrialNumber, was_alive: bool) -> u32 {
         let Some(trial) = self.trials.get(number) else { return 0 };
         let (state, configuration) = (StateId(trial.state_id), trial.configuration.clone());
-        let record = self.states.results(state).record(&configuration);
+        let record = self.knowledge.states.results(state).record(&configuration);
         let was_measured = record.is_some_and(|record| record.measurements > 0);
         let default = self.spec.space.default_ref();
         let is_default = configuration == *default || runs_start(trial, default);

@@ -8,9 +8,9 @@
 //! The machine is pure. Its answers depend only on the rows of the [`Change`]s that it returned: a
 //! [restored](Tuner::restore) tuner gives the next answers of one that never stopped, byte for byte.
 //!
-//! [`Tuner`] joins the parts of three rooms, which keep their own invariants. `knowledge` holds the `states`
-//! (recognition, and the table of each state), their `history` and `assessment`s, the `speeds` of machines,
-//! `auxiliaries` and `models`; `clients` the `visits` (states and budgets) and `trials` (the open ones and
+//! [`Tuner`] joins the parts of three rooms, which keep their own invariants. [`Knowledge`] holds the
+//! `states` (recognition, and the table of each state), their `history` and `assessment`s, the `speeds` of
+//! machines, `auxiliaries` and `models`, and packs them as a `checkpoint`; `clients` the `visits` (states and budgets) and `trials` (the open ones and
 //! their holders); `exploring` the `searches` and what works on them: the `walk` to the next point, the
 //! `repeats`, the `confirmation` of the best against the incumbent, the `standings` of a state's own
 //! measurements, the choice of what is exploited (`exploiting`), and the `transfer` of the results of other
@@ -20,10 +20,9 @@
 //! with its own default, `explore` and `within_budget` choose what is explored, `planning` copies the inputs
 //! of slow computations and `plan` computes them apart, `suggest` and `report` are the two halves of a
 //! client's frame, `learning` is what tables and models make of a report, `leases` ends trials that never
-//! come back, `restore` and `checkpoint` rebuild.
+//! come back, `restore` rebuilds.
 
 pub mod budget;
-mod checkpoint;
 mod checks;
 mod clients;
 mod decide;
@@ -50,10 +49,11 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 pub use budget::Account;
-pub use checkpoint::Learnt;
 pub use exploring::exploration::Exploration;
 pub use insight::{Insight, Omission, OmissionReason, Prospect};
+pub use knowledge::Knowledge;
 pub use knowledge::assessment::{Assessment, AssessmentRequest};
+pub use knowledge::checkpoint::Learnt;
 pub use plan::{DecisionStep, PlanRequest, SuggestionPlan};
 pub use recorded::{RecordedVisitDecision, VisitDecisionBefore};
 pub use restore::Restoring;
@@ -72,7 +72,6 @@ use crate::study::{StudyError, StudySpec};
 use crate::trial::{Fingerprint, Outcome, Trial, TrialState};
 use crate::tuner::clients::{OpenTrials, Visits};
 use crate::tuner::exploring::Searches;
-use crate::tuner::knowledge::{Assessments, Auxiliaries, History, Models, Rechecks, Speeds, States};
 use crate::tuner::plan::Planned;
 
 /// The state machine of one study. Pure: time comes in as `now_ms`, randomness from the study's seed.
@@ -82,19 +81,10 @@ use crate::tuner::plan::Planned;
 #[derive(Clone, Debug)]
 pub struct Tuner {
     spec: Arc<StudySpec>,
-    states: States,
+    knowledge: Knowledge,
     searches: Searches,
     trials: OpenTrials,
     visits: Visits,
-    models: Models,
-    history: History,
-    assessments: Assessments,
-    speeds: Speeds,
-    rechecks: Rechecks,
-    auxiliaries: Auxiliaries,
-    /// The number of completed trials, and the place of the last in the order of completion.
-    completed: u64,
-    last_completion: u64,
     /// Leases that end up to this time, in milliseconds, do not count as lost.
     pardoned_until_ms: i64,
 }
@@ -113,21 +103,12 @@ impl Tuner {
     /// A tuner without any trial.
     pub fn new(spec: Arc<StudySpec>) -> Result<Self, StudyError> {
         spec.validate()?;
-        let states = States::new(&spec);
         Ok(Tuner {
-            models: Models::new(&spec, spec.policy.predictor, &states, 0),
+            knowledge: Knowledge::new(&spec),
             searches: Searches::new(&spec.space),
             trials: OpenTrials::default(),
             visits: Visits::default(),
-            history: History::default(),
-            assessments: Assessments::default(),
-            speeds: Speeds::default(),
-            rechecks: Rechecks::default(),
-            auxiliaries: Auxiliaries::default(),
-            completed: 0,
-            last_completion: 0,
             pardoned_until_ms: i64::MIN,
-            states,
             spec,
         })
     }
@@ -360,7 +341,7 @@ impl Tuner {
             return Ok(DecisionStep::Need(Box::new(request)));
         }
         let mut planned = Planned::Ahead(Box::new(plan.unwrap_or_default()));
-        planned.keep_in(&mut self.assessments);
+        planned.keep_in(&mut self.knowledge.assessments);
         let start = self.checked_start(start)?;
         self.prediction(indicators, fingerprint, start.as_ref(), &planned).map(DecisionStep::Done)
     }
@@ -373,7 +354,7 @@ impl Tuner {
         indicators: Option<&BTreeMap<String, f64>>,
         fingerprint: Option<&Fingerprint>,
     ) -> Result<Option<Best>, TunerError> {
-        let state = self.best_state(indicators, fingerprint)?;
+        let state = self.knowledge.best_state(&self.spec.indicators, indicators, fingerprint)?;
         Ok(state.and_then(|state| self.standings().best(state, None, &Planned::AtOnce)))
     }
 
@@ -393,23 +374,24 @@ impl Tuner {
             return Ok(DecisionStep::Need(Box::new(request)));
         }
         let mut planned = Planned::Ahead(Box::new(plan.unwrap_or_default()));
-        planned.keep_in(&mut self.assessments);
+        planned.keep_in(&mut self.knowledge.assessments);
         let start = self.checked_start(start)?;
-        let state = self.best_state(indicators, fingerprint)?;
+        let state = self.knowledge.best_state(&self.spec.indicators, indicators, fingerprint)?;
         let best = state.and_then(|state| self.standings().best(state, start.as_ref(), &planned));
         Ok(DecisionStep::Done(best))
     }
 
-    /// The cost of the configuration exploited in a state, as far as it was assessed; `None` when nothing has
-    /// been measured there.
-    pub fn best_cost(&self, state: impl Into<StateId>) -> Option<f64> {
-        let state = state.into();
-        let known = self.states.contains(state).then(|| self.states.results(state))?;
-        let assessed = self.assessments.of(state, None).map(|made| made.cost);
-        known.believed_best().map(|best| assessed.unwrap_or(best.mean_cost))
+    // The study.
+
+    /// What is known of it.
+    pub fn knowledge(&self) -> &Knowledge {
+        &self.knowledge
     }
 
-    // The study.
+    /// What is known of it, for a caller that computes the models' long updates apart.
+    pub fn knowledge_mut(&mut self) -> &mut Knowledge {
+        &mut self.knowledge
+    }
 
     /// The specification, with the policy in force.
     pub fn spec(&self) -> &Arc<StudySpec> {
@@ -429,7 +411,8 @@ impl Tuner {
     /// begin with the completed trials of now. They are taught the latest
     /// [`MODELS_TRIALS_MAX`](crate::limits::MODELS_TRIALS_MAX) of them, with the tables as they stand, and
     /// all that follow. The tuner does not have these trials any more, so the answer `true` asks the caller
-    /// to store the policy with [`Tuner::models_since`], to drop this tuner, and to [restore](Restoring) it.
+    /// to store the policy with [`Knowledge::models_since`], to drop this tuner, and to [restore](Restoring)
+    /// it.
     #[must_use = "a tuner that lacks its models must be restored"]
     pub fn set_policy(&mut self, policy: Policy) -> Result<bool, StudyError> {
         policy.validate(&self.spec.space)?;
@@ -438,8 +421,8 @@ impl Tuner {
         if before == now || !(Predictors::are_needed(before) || Predictors::are_needed(now)) {
             return Ok(false);
         }
-        self.models.begin(&self.spec, now, &self.states, self.last_completion);
-        Ok(Predictors::are_needed(now) && self.last_completion > 0)
+        self.knowledge.models.begin(&self.spec, now, &self.knowledge.states, self.knowledge.last_completion);
+        Ok(Predictors::are_needed(now) && self.knowledge.last_completion > 0)
     }
 }
 

@@ -1,5 +1,4 @@
-//! The plan that a question needs, the copies of the tuner for a [`PlanRequest`], and the models' updates
-//! that are computed apart.
+//! The plan that a question needs, and the copies of the tuner for a [`PlanRequest`].
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -10,7 +9,7 @@ use crate::limits::POINTS_IN_RESERVE_MAX;
 use crate::machines::Machines;
 use crate::policy::Operation;
 use crate::predict::nearest::Nearest;
-use crate::predict::{ComputedUpdates, DeferredUpdates, Predictor, Query};
+use crate::predict::{Predictor, Query};
 use crate::search::AnySearch;
 use crate::session::SessionPolicy;
 use crate::trial::Fingerprint;
@@ -21,27 +20,6 @@ use crate::tuner::proposal::Ground;
 use crate::tuner::{Ask, Question, Tuner, VisitDecision};
 
 impl Tuner {
-    /// From now on reports defer the models' long updates: see [`Tuner::deferred_updates`].
-    pub fn defer_updates(&mut self) {
-        self.models.defers = true;
-    }
-
-    /// The updates that reports have deferred, to be computed apart; `None` where there are none. A later
-    /// report computes overdue ones.
-    pub fn deferred_updates(&self) -> Option<DeferredUpdates> {
-        self.models.predictors.deferred()
-    }
-
-    /// Whether reports have deferred anything.
-    pub fn has_deferred_updates(&self) -> bool {
-        self.models.predictors.deferred_count() > 0
-    }
-
-    /// Takes over updates that were computed apart, unless another caller was faster.
-    pub fn apply_updates(&mut self, updates: ComputedUpdates) {
-        self.models.predictors.apply(updates);
-    }
-
     /// The computation that a question needs to be answered quickly; `None` where it needs none. `may_plan`
     /// says whether to plan for a state's search: one plan for it at a time is enough.
     pub fn plan(&self, question: &Question<'_>, may_plan: impl Fn(StateId) -> bool) -> Option<PlanRequest> {
@@ -51,10 +29,10 @@ impl Tuner {
             return None;
         }
         let explores = self.foretold(ask, here)?;
-        let (machines, machine) = machines_of(&self.states.machines, ask.fingerprint.as_ref());
+        let (machines, machine) = machines_of(&self.knowledge.states.machines, ask.fingerprint.as_ref());
         let transfer = Transfer { asking: Some((&machines, machine)), ..self.transfer() };
         let query = || transfer.query(normalised, here);
-        let (predictor, predictors) = (policy.predictor, &self.models.predictors);
+        let (predictor, predictors) = (policy.predictor, &self.knowledge.models.predictors);
         let wishes = self.wishes(&ask.session_policy);
         let ground = wishes.ground();
         let answer = || {
@@ -70,8 +48,11 @@ impl Tuner {
         let rival_of = here.filter(|&here| !self.standings().is_settled(here));
         let mut request = PlanRequest { rival_of, ..PlanRequest::nothing(&self.spec) };
         let ends = |here: &StateId| wishes.is_spent(*here) && self.standings().is_to_be_confirmed(*here);
-        let answers =
-            if explores { here.filter(ends) } else { state_that_answers(&self.states, &query(), here) };
+        let answers = if explores {
+            here.filter(ends)
+        } else {
+            state_that_answers(&self.knowledge.states, &query(), here)
+        };
         request.assessment = answers.and_then(|state| self.standings().assessment_to_plan(state, None));
         request.beside_start =
             self.standings().start_to_plan(self.start_of(ask), answers.filter(|_| answers == here));
@@ -79,7 +60,7 @@ impl Tuner {
         // The plan may show whether there is anything to exploit.
         let is_unsure = !explores
             && ground == Ground::Predicted
-            && here.is_none_or(|here| self.states.results(here).best().is_none());
+            && here.is_none_or(|here| self.knowledge.states.results(here).best().is_none());
         if !explores || !tunes || here.is_none() && policy.weigh_gain {
             request.portfolio = transfer.evidence_elsewhere(normalised, here);
             request.answer = answer();
@@ -123,19 +104,19 @@ impl Tuner {
         start: Option<&RawConfiguration>,
     ) -> Option<PlanRequest> {
         let normalised = self.spec.indicators.normalise(indicators).ok()?;
-        let here = self.recognise_for(fingerprint, &normalised);
+        let here = self.knowledge.recognise_for(fingerprint, &normalised);
         if self.spec.policy.pinned.is_some() {
             return None;
         }
         let measured = self.exploiting(&Planned::Ahead(Box::default())).measured_answer(&normalised, here);
-        let query = self.states.query(&self.spec.space, &normalised, here);
+        let query = self.knowledge.states.query(&self.spec.space, &normalised, here);
         let query = Query { rival: Some(&measured.configuration), ..query };
         let predicts = self.wishes(&SessionPolicy::default()).ground() == Ground::Predicted;
         let asks = predicts && self.transfer().needs_predictor(here);
-        let predictors = &self.models.predictors;
+        let predictors = &self.knowledge.models.predictors;
         let portfolio = self.transfer().evidence_elsewhere(&normalised, here);
         let answer = asks.then(|| predictors.request(self.spec.policy.predictor, &query)).flatten();
-        let answers = state_that_answers(&self.states, &query, here);
+        let answers = state_that_answers(&self.knowledge.states, &query, here);
         let assessment = answers.and_then(|state| self.standings().assessment_to_plan(state, None));
         let start = self.checked_start(start).ok()?;
         let beside_start = self.standings().start_to_plan(start, answers.filter(|_| answers == here));
@@ -153,7 +134,7 @@ impl Tuner {
         fingerprint: Option<&Fingerprint>,
         start: Option<&RawConfiguration>,
     ) -> Option<PlanRequest> {
-        let state = self.best_state(indicators, fingerprint).ok()??;
+        let state = self.knowledge.best_state(&self.spec.indicators, indicators, fingerprint).ok()??;
         let assessment = self.standings().assessment_to_plan(state, None);
         let beside_start = self.standings().start_to_plan(self.checked_start(start).ok()?, Some(state));
         let request = PlanRequest { assessment, beside_start, ..PlanRequest::nothing(&self.spec) };
@@ -191,7 +172,7 @@ impl Tuner {
     /// A copy of the state's search, if its next point takes a fit and will be asked for, and the number of
     /// further points for the reserve.
     fn search_to_plan(&self, ask: &Ask, state: StateId) -> Option<(StateId, Box<AnySearch>, usize)> {
-        let (policy, results) = (&self.spec.policy, self.states.results(state));
+        let (policy, results) = (&self.spec.policy, self.knowledge.states.results(state));
         let exploration = self.searches.of(state)?;
         let room = self.wishes(&ask.session_policy).room();
         let mut search = Cow::Borrowed(exploration.search.as_ref()?);

@@ -54,7 +54,7 @@ impl Rows {
             states: self.states.values().map(|row| serde_json::from_str(row).expect("own row")).collect(),
             visits: self.visits.values().map(visit).collect(),
             last_trial: self.trials.keys().next_back().copied().unwrap_or(0),
-            models_since: tuner.models_since(),
+            models_since: tuner.knowledge.models_since(),
         }
     }
 
@@ -134,8 +134,8 @@ fn outcome(kind: usize, trial: &Trial) -> Outcome {
 /// Answers as a daemon does while nothing else happens.
 fn plan_apart(tuner: &mut Tuner, question: &Ask, now_ms: i64) -> Result<(Trial, Change), TunerError> {
     let spec = Arc::clone(tuner.spec());
-    if let Some(updates) = tuner.deferred_updates() {
-        tuner.apply_updates(updates.compute(&spec.space));
+    if let Some(updates) = tuner.knowledge.deferred_updates() {
+        tuner.knowledge.apply_updates(updates.compute(&spec.space));
     }
     let mut plan = None;
     loop {
@@ -168,7 +168,7 @@ fn happen(tuner: &mut Tuner, rows: &mut Rows, event: &Event, now_ms: &mut i64) -
             let start = (*client > 0).then(|| space.decode(&vec![at; space.dimension()]).to_raw());
             let question =
                 Ask { session, can_abort, fidelities, fingerprint, start, ..ask(&client_id, x, y) };
-            let answer = match tuner.models.defers {
+            let answer = match tuner.knowledge.models.defers {
                 true => plan_apart(tuner, &question, *now_ms),
                 false => tuner.suggest(&question, *now_ms),
             };
@@ -187,10 +187,10 @@ fn happen(tuner: &mut Tuner, rows: &mut Rows, event: &Event, now_ms: &mut i64) -
         }
         Event::Policy { which } => {
             if tuner.set_policy(policy(*which)).expect("valid") {
-                let defers = tuner.models.defers;
+                let defers = tuner.knowledge.models.defers;
                 *tuner = rows.restore(tuner, None);
                 if defers {
-                    tuner.defer_updates();
+                    tuner.knowledge.defer_updates();
                 }
             }
             return None;
@@ -273,7 +273,7 @@ proptest! {
         for event in &events {
             let expected = happen(&mut steady, &mut steady_rows, event, &mut steady_ms);
             match event {
-                Event::Save => saved = restarted.learnt().checkpoint().ok(),
+                Event::Save => saved = restarted.knowledge.learnt(restarted.spec()).checkpoint().ok(),
                 Event::Restart { checkpoint } => {
                     restarted = rows.restore(&restarted, saved.as_ref().filter(|_| *checkpoint));
                 }
@@ -298,14 +298,15 @@ proptest! {
         let fresh = || Tuner::new(Arc::new(with_levels(spec(policy(0))))).expect("valid");
         let (mut here, mut here_rows, mut here_ms) = (fresh(), Rows::default(), 0);
         let (mut apart, mut apart_rows, mut apart_ms) = (fresh(), Rows::default(), 0);
-        apart.defer_updates();
+        apart.knowledge.defer_updates();
         for event in &events {
             let expected = happen(&mut here, &mut here_rows, event, &mut here_ms);
             prop_assert_eq!(happen(&mut apart, &mut apart_rows, event, &mut apart_ms), expected);
         }
         prop_assert_eq!(&apart_rows.states, &here_rows.states);
         prop_assert_eq!(&apart_rows.visits, &here_rows.visits);
-        prop_assert_eq!(apart.learnt().checkpoint(), here.learnt().checkpoint());
+        let saved = |tuner: &Tuner| tuner.knowledge.learnt(tuner.spec()).checkpoint();
+        prop_assert_eq!(saved(&apart), saved(&here));
     }
 
     #[test]

@@ -2,7 +2,6 @@
 
 use crate::ids::{StateId, TrialNumber};
 use crate::trial::{Outcome, Trial, TrialState};
-use crate::tuner::knowledge::LearntCost;
 use crate::tuner::{Change, Tuner, TunerError};
 
 impl Tuner {
@@ -33,7 +32,7 @@ impl Tuner {
             cost: cost.filter(|_| is_full),
             outcome: Some(outcome),
             complete_ms: Some(now_ms),
-            completion: Some(self.last_completion + 1),
+            completion: Some(self.knowledge.last_completion + 1),
             ..trial.clone()
         })
     }
@@ -41,12 +40,13 @@ impl Tuner {
     /// Takes a completed trial out of the open ones, learns it, and passes its result to its search.
     pub(super) fn take(&mut self, completed: &Trial) -> Change {
         let (state, number) = (StateId(completed.state_id), TrialNumber(completed.number));
-        let (before, tried) = (self.searches.changes(state), self.states.results(state).tried());
+        let (before, tried) = (self.searches.changes(state), self.knowledge.states.results(state).tried());
         self.end(number);
-        let learnt = self.complete(completed);
+        let is_few = self.searches.few().count().is_some();
+        let learnt = self.knowledge.complete(&self.spec, is_few, completed);
         if learnt.has_changed {
             self.searches.begin_again(state);
-            self.states.forget_search(state);
+            self.knowledge.states.forget_search(state);
         }
         if learnt.has_jumped
             && let Some(exploration) = self.searches.change(state)
@@ -63,7 +63,7 @@ impl Tuner {
         change.visits.extend(self.visits.settle(&self.spec, completed));
         match completed.decision.fidelity {
             Some(_) => {
-                let pace = self.speeds.pace_of(&self.spec.policy, &completed.client_id);
+                let pace = self.knowledge.speeds.pace_of(&self.spec.policy, &completed.client_id);
                 self.racing().tell_cheaper(completed, pace);
             }
             None => self.racing().tell_in_full(completed, &learnt),
@@ -72,16 +72,6 @@ impl Tuner {
             change.states.push(self.standings().row(state));
         }
         change
-    }
-
-    /// Feeds a completed trial to the table and the models: now, and again when they are rebuilt. Returns the
-    /// learnt cost.
-    pub(super) fn complete(&mut self, completed: &Trial) -> LearntCost {
-        let before = self.last_completion;
-        self.completed += 1;
-        self.last_completion = completed.completion.unwrap_or(self.last_completion + 1);
-        assert!(self.last_completion > before, "completion {} after {before}", self.last_completion);
-        self.learning().learn(completed)
     }
 
     /// Takes an open trial out unmeasured and gives its point back.
@@ -101,6 +91,6 @@ impl Tuner {
 
     /// Whether a record that is not open can be of this study.
     pub(super) fn is_ours(&self, trial: &Trial) -> bool {
-        trial.number <= self.trials.last().0 && self.states.contains(StateId(trial.state_id))
+        trial.number <= self.trials.last().0 && self.knowledge.states.contains(StateId(trial.state_id))
     }
 }

@@ -43,7 +43,12 @@ impl Restoring {
         let mut tuner = Tuner::new(spec)?;
         let since = snapshot.models_since;
         // No model is taught until its place in the order of completion is reached.
-        tuner.models.begin(&tuner.spec, PredictorMethod::NearestNeighbour, &tuner.states, since);
+        tuner.knowledge.models.begin(
+            &tuner.spec,
+            PredictorMethod::NearestNeighbour,
+            &tuner.knowledge.states,
+            since,
+        );
         tuner.trials = OpenTrials::after(TrialNumber(snapshot.last_trial));
         let mut restoring = Restoring { tuner, taught: None, models_begun: false, passed_over: None };
         for record in snapshot.states {
@@ -52,9 +57,11 @@ impl Restoring {
         for visit in snapshot.visits {
             restoring.restore_visit(visit)?;
         }
-        restoring.passed_over = checkpoint.and_then(|checkpoint| restoring.tuner.take_over(checkpoint).err());
+        restoring.passed_over = checkpoint.and_then(|checkpoint| {
+            restoring.tuner.knowledge.take_over(&restoring.tuner.spec, checkpoint).err()
+        });
         // A checkpoint from the very place of the change, or from behind it, brings the models with it.
-        restoring.models_begun = restoring.tuner.last_completion > since;
+        restoring.models_begun = restoring.tuner.knowledge.last_completion > since;
         restoring.begin_models();
         Ok(restoring)
     }
@@ -66,7 +73,7 @@ impl Restoring {
 
     /// The place in the order of completion behind which the next trial to learn stands.
     pub fn after(&self) -> u64 {
-        self.taught.unwrap_or(self.tuner.last_completion)
+        self.taught.unwrap_or(self.tuner.knowledge.last_completion)
     }
 
     /// Learns the next completed trial, or passes over it if it is excluded; its configuration was made by
@@ -100,7 +107,7 @@ impl Restoring {
     /// Goes on to a completion, with its trial unless that is passed over.
     fn step(&mut self, completion: u64, trial: Option<&Trial>) {
         // Trials in between may be gone.
-        let since = self.tuner.models.since;
+        let since = self.tuner.knowledge.models.since;
         self.taught = self.taught.filter(|_| completion <= since);
         if !self.models_begun && completion > since {
             self.reach(since);
@@ -114,12 +121,13 @@ impl Restoring {
             if let Some(trial) = trial
                 && let Ok(normalised) = self.tuner.spec.indicators.normalise(&trial.indicators)
             {
-                self.tuner.learning().teach(trial, &normalised);
+                self.tuner.knowledge.teach(&self.tuner.spec, trial, &normalised);
             }
-            self.tuner.models.catch_up(&self.tuner.spec.space);
+            self.tuner.knowledge.models.catch_up(&self.tuner.spec.space);
         } else if let Some(trial) = trial {
             self.reach(completion - 1);
-            self.tuner.complete(trial);
+            let is_few = self.tuner.searches.few().count().is_some();
+            self.tuner.knowledge.complete(&self.tuner.spec, is_few, trial);
         } else {
             self.reach(completion);
         }
@@ -130,13 +138,13 @@ impl Restoring {
     /// Begins the models once the tables have reached their completion.
     fn begin_models(&mut self) {
         let tuner = &mut self.tuner;
-        let since = tuner.models.since;
-        if self.models_begun || tuner.last_completion != since {
+        let since = tuner.knowledge.models.since;
+        if self.models_begun || tuner.knowledge.last_completion != since {
             return;
         }
         self.models_begun = true;
         let predictor = tuner.spec.policy.predictor;
-        tuner.models.begin(&tuner.spec, predictor, &tuner.states, since);
+        tuner.knowledge.models.begin(&tuner.spec, predictor, &tuner.knowledge.states, since);
         if Predictors::are_needed(predictor) && since > 0 {
             self.taught = Some(since.saturating_sub(MODELS_TRIALS_MAX));
         }
@@ -145,17 +153,17 @@ impl Restoring {
     /// Goes on in the order of completion past trials that are not stored any more. They are still counted.
     fn reach(&mut self, completion: u64) {
         assert!(
-            completion >= self.tuner.last_completion,
+            completion >= self.tuner.knowledge.last_completion,
             "{completion} after {}",
-            self.tuner.last_completion
+            self.tuner.knowledge.last_completion
         );
-        self.tuner.completed += completion - self.tuner.last_completion;
-        self.tuner.last_completion = completion;
+        self.tuner.knowledge.completed += completion - self.tuner.knowledge.last_completion;
+        self.tuner.knowledge.last_completion = completion;
     }
 
     fn restore_state(&mut self, record: StateRecord) -> Result<(), RestoreError> {
         let StateRecord { id, indicators, fingerprint, mut search } = record;
-        let expected = self.tuner.states.len() as u64 + 1;
+        let expected = self.tuner.knowledge.states.len() as u64 + 1;
         if id != expected {
             return Err(inconsistent(format!("state {id} stands where state {expected} should")));
         }
@@ -169,18 +177,16 @@ impl Restoring {
         if let Some(search) = search.as_mut().and_then(|exploration| exploration.search.as_mut()) {
             search.set_space(&self.tuner.spec.space);
         }
-        let state = self.tuner.states.found(indicators, fingerprint.as_ref());
-        self.tuner.states.restore_search(state, search.as_ref().is_some_and(Exploration::is_begun));
+        let state = self.tuner.knowledge.found(indicators, fingerprint.as_ref());
+        self.tuner.knowledge.states.restore_search(state, search.as_ref().is_some_and(Exploration::is_begun));
         self.tuner.searches.found(search);
-        self.tuner.history.found();
         assert_eq!(state.0, expected, "states are founded in their order");
-        assert_eq!(self.tuner.history.len(), self.tuner.states.len(), "every state has a history");
         Ok(())
     }
 
     fn restore_visit(&mut self, visit: Visit) -> Result<(), RestoreError> {
         let what = || format!("the visit of client {:?}", visit.client_id);
-        check_state(&self.tuner.states, visit.state_id, what)?;
+        check_state(&self.tuner.knowledge.states, visit.state_id, what)?;
         self.tuner.visits.begin(visit);
         Ok(())
     }
@@ -189,7 +195,7 @@ impl Restoring {
     pub fn finish(self, open: impl IntoIterator<Item = Trial>) -> Result<Tuner, RestoreError> {
         let mut tuner = self.tuner;
         if self.taught.is_some() || !self.models_begun {
-            let since = tuner.models.since;
+            let since = tuner.knowledge.models.since;
             return Err(inconsistent(format!(
                 "the models begin at completion {since}, which does not exist"
             )));
@@ -251,7 +257,7 @@ impl Tuner {
         let own = StateId(state_id);
         let (forgotten, visits) = self.visits.disown(own);
         let mut change = Change { forgotten, visits, ..Change::default() };
-        for state in self.states.ids() {
+        for state in self.knowledge.states.ids() {
             // The searches of other states began with what served best elsewhere.
             let runs = |search: &Exploration| search.search.is_some() || state == own;
             if self.searches.of(state).is_some_and(runs)
@@ -267,7 +273,7 @@ impl Tuner {
 
 fn check_trial(tuner: &Tuner, trial: &Trial) -> Result<(), RestoreError> {
     let what = || format!("trial {}", trial.number);
-    check_state(&tuner.states, trial.state_id, what)?;
+    check_state(&tuner.knowledge.states, trial.state_id, what)?;
     if trial.number == 0 || trial.number > tuner.trials.last().0 {
         let last = tuner.trials.last();
         return Err(inconsistent(format!("{} is not among the {last} handed out", what())));
@@ -327,9 +333,9 @@ mod tests {
     fn trials_that_were_removed_behind_a_checkpoint_are_not_missed() {
         for predictor in [PredictorMethod::NearestNeighbour, PredictorMethod::Auto] {
             let (early, _, _) = grown(Policy { predictor, ..Policy::default() }, 90);
-            let checkpoint = early.learnt().checkpoint().expect("a small study");
+            let checkpoint = early.knowledge.learnt(early.spec()).checkpoint().expect("a small study");
             let (tuner, snapshot, all) = grown(Policy { predictor, ..Policy::default() }, 120);
-            let keep = early.learnt().measured_by();
+            let keep = early.knowledge.learnt(early.spec()).measured_by();
             let kept: Vec<Trial> = all
                 .iter()
                 .filter(|trial| trial.number > 90 || keep.contains(&trial.number))
@@ -337,12 +343,15 @@ mod tests {
                 .collect();
             assert!(kept.len() < all.len());
             let back = restored(&tuner, &snapshot, &kept, Some(&checkpoint));
-            assert_eq!(back.learnt().checkpoint(), tuner.learnt().checkpoint());
+            assert_eq!(
+                back.knowledge.learnt(back.spec()).checkpoint(),
+                tuner.knowledge.learnt(tuner.spec()).checkpoint()
+            );
 
             // Without a checkpoint the counts and the best of each state are still right.
             let back = restored(&tuner, &snapshot, &kept, None);
             assert_eq!(back.statistics(), tuner.statistics());
-            for (state, other) in back.states.known().iter().zip(tuner.states.known()) {
+            for (state, other) in back.knowledge.states.known().iter().zip(tuner.knowledge.states.known()) {
                 let best = |state: &crate::results::KnownState| {
                     state.results.best().map(|best| (best.configuration.clone(), best.mean_cost))
                 };
@@ -368,7 +377,7 @@ mod tests {
         };
         let adopted: Vec<Trial> = all.iter().map(adopt).collect();
         let mut back = restored(&tuner, &snapshot, &adopted, None);
-        let state = back.states.known()[0].results.clone();
+        let state = back.knowledge.states.known()[0].results.clone();
         assert_eq!((state.runs(), state.searched()), (0, 0));
         assert!(state.tried() >= 5 && state.is_carried_over());
         let trial = next(&mut back);
@@ -392,7 +401,10 @@ mod tests {
         let back = restoring.finish([]).expect("whole");
         assert_eq!(back.statistics().completed_trials, 60);
         (learnt.completed, learnt.last_completion) = (60, 60);
-        assert_eq!(back.learnt().checkpoint(), learnt.learnt().checkpoint());
+        assert_eq!(
+            back.knowledge.learnt(back.spec()).checkpoint(),
+            learnt.knowledge.learnt(learnt.spec()).checkpoint()
+        );
     }
 
     #[test]

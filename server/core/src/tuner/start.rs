@@ -33,7 +33,7 @@ impl Tuner {
     /// session that never explores measures nothing for that.
     pub(super) fn start_first(&self, ask: &Ask, state: StateId) -> Option<Prediction> {
         let start = self.start_of(ask).filter(|start| self.standings().may_run_start(state, start))?;
-        let results = self.states.results(state);
+        let results = self.knowledge.states.results(state);
         let visit = self.visits.of(&ask.client_id);
         let exploits = visit.is_some_and(|visit| matches!(visit.decision, VisitDecision::Exploit { .. }));
         let is_needed = !exploits || results.best().is_some();

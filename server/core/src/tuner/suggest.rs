@@ -19,7 +19,7 @@ impl Tuner {
         now_ms: i64,
     ) -> Result<(Trial, Change), TunerError> {
         let Question { ask, normalised, state: found } = question;
-        planned.keep_in(&mut self.assessments);
+        planned.keep_in(&mut self.knowledge.assessments);
         self.check_room(&ask.client_id, found)?;
         // From here on nothing fails.
         let state = found.unwrap_or_else(|| self.found(normalised.clone(), ask.fingerprint.as_ref()));
@@ -68,7 +68,7 @@ impl Tuner {
     }
 
     fn check_room(&self, client_id: &str, found: Option<StateId>) -> Result<(), TunerError> {
-        if found.is_none() && self.states.len() >= STATES_MAX + STATES_OF_NEW_MACHINES_MAX {
+        if found.is_none() && self.knowledge.states.len() >= STATES_MAX + STATES_OF_NEW_MACHINES_MAX {
             return Err(TunerError::TooManyStates);
         }
         let (is_new, held) = (self.visits.of(client_id).is_none(), self.trials.held_by(client_id));
@@ -220,9 +220,7 @@ impl Tuner {
         fingerprint: Option<&crate::trial::Fingerprint>,
     ) -> StateId {
         self.searches.found(None);
-        self.history.found();
-        let state = self.states.found(anchor, fingerprint);
-        assert_eq!(self.history.len(), self.states.len(), "every state has a history");
+        let state = self.knowledge.found(anchor, fingerprint);
         assert!(self.searches.record(state).is_none(), "nothing was begun");
         state
     }

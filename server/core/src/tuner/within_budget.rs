@@ -36,8 +36,8 @@ impl Tuner {
         let (Some(terms), Some(account)) = (Terms::of(policy), self.visits.account(&ask.client_id)) else {
             let own = ask.session_policy.abort_above.or(policy.abort_above);
             let factor = own.or(ask.can_abort.then_some(ABORT_ABOVE_STOPPABLE));
-            let pace = self.speeds.pace_of(policy, &ask.client_id);
-            let reference = reference(self.states.results(state));
+            let pace = self.knowledge.speeds.pace_of(policy, &ask.client_id);
+            let reference = reference(self.knowledge.states.results(state));
             let cap = factor.zip(reference.map(|cost| (cost * pace).min(f64::MAX)));
             let explored = self.explore((ask, room), state, number, normalised, planned);
             let (mut budget, mut abort_above) = (BudgetStatus::default(), None);
@@ -52,7 +52,8 @@ impl Tuner {
                 assert!(leave.left >= leave.set_aside, "{} covers {}", leave.left, leave.set_aside);
                 let explored = self.explore((ask, room), state, number, normalised, planned);
                 let explores = explored.explores();
-                let is_charged = explores || runs_dear_incumbent(self.gain(), &explored, state);
+                let is_charged =
+                    explores || runs_dear_incumbent(self.knowledge.gain(&self.spec.policy), &explored, state);
                 // Enough for the worst.
                 if is_charged && let Some(account) = self.visits.account_mut(&ask.client_id) {
                     account.set_aside(number.0, leave.set_aside);
@@ -99,7 +100,7 @@ impl Tuner {
         {
             let configuration = start.unwrap_or_else(|| self.spec.space.default_configuration());
             return Some(Exploitation {
-                predicted_cost: self.states.cost_of(state, &configuration),
+                predicted_cost: self.knowledge.states.cost_of(state, &configuration),
                 configuration,
                 source: ExploitSource::Default,
                 rolled_back: false,

@@ -182,7 +182,8 @@ mod tests {
             None
         });
         let (trial, place) = of_challenger.expect("a race");
-        let known = tuner.states.results(state).record(&trial.configuration).expect("it ran").mean_cost;
+        let known =
+            tuner.knowledge.states.results(state).record(&trial.configuration).expect("it ran").mean_cost;
         let stopped = Trial { outcome: Some(Outcome::Aborted { lower_bound: 0.001 }), ..trial };
         let mut race = tuner.standings().race(state).expect("a race").clone();
         race.race = Race::new(race.contenders.len(), Some(1.0), 10);

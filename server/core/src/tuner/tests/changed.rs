@@ -70,15 +70,15 @@ fn a_state_that_is_to_be_searched_again_counts_as_unexplored_until_then() {
         let width = before.get("width").cloned();
         let dear = |trial: &Trial| if trial.configuration.get("width") == width.as_ref() { 2.0 } else { 1.0 };
         let state = StateId(1);
-        assert!(tuner.states[state].explored && tuner.history.gained(state).len() >= 3);
+        assert!(tuner.knowledge.states[state].explored && tuner.knowledge.history.gained(state).len() >= 3);
         let forgets = (0..150).any(|_| {
             frame(&mut tuner, seed, dear);
             tuner.searches.of(state).is_none()
         });
-        assert!(forgets && !tuner.states[state].explored, "seed {seed}: as after a restart");
-        assert!(tuner.history.gained(state).is_empty(), "what was gained before");
+        assert!(forgets && !tuner.knowledge.states[state].explored, "seed {seed}: as after a restart");
+        assert!(tuner.knowledge.history.gained(state).is_empty(), "what was gained before");
         frame(&mut tuner, seed, dear);
-        assert!(tuner.states[state].explored, "another search was begun");
+        assert!(tuner.knowledge.states[state].explored, "another search was begun");
     }
 }
 
@@ -189,11 +189,11 @@ proptest! {
     ) {
         let mut tuner = tuner(finishes());
         finish_search(&mut tuner, seed);
-        let tried = tuner.states.results(StateId(1)).tried();
+        let tried = tuner.knowledge.states.results(StateId(1)).tried();
         for (frames, busy) in lengths {
             let factor = [1.0, 1.4, 1.9][busy];
             (0..frames).for_each(|_| drop(frame(&mut tuner, seed, |_| factor)));
-            prop_assert!(tuner.states.results(StateId(1)).tried() >= tried);
+            prop_assert!(tuner.knowledge.states.results(StateId(1)).tried() >= tried);
         }
     }
 }

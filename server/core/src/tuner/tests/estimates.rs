@@ -53,6 +53,7 @@ fn standard_errors_of_zero_and_of_what_is_no_cost_change_nothing() {
         assert_eq!(reported.expect("valid").0.standard_errors, errors);
     }
     assert_eq!(plain.best(None, None), told.best(None, None));
-    let checkpoint = |tuner: &Tuner| tuner.learnt().checkpoint().expect("a small study");
+    let checkpoint =
+        |tuner: &Tuner| tuner.knowledge.learnt(tuner.spec()).checkpoint().expect("a small study");
     assert_eq!(checkpoint(&plain), checkpoint(&told));
 }

@@ -169,7 +169,7 @@ fn a_search_is_dropped_once_its_budget_is_spent_and_goes_on_from_the_table_when_
         let exploration = tuner.searches.of(StateId(1)).expect("explored");
         assert!(exploration.search.is_none(), "{search:?}");
         assert!(exploration.pack().len() < 64, "{}", exploration.pack().len());
-        let tried = tuner.states.results(StateId(1)).tried() as u64;
+        let tried = tuner.knowledge.states.results(StateId(1)).tried() as u64;
         assert!(tried + exploration.repeats() >= 12);
         // Later changes write no search any more.
         let (trial, change) = tuner.suggest(&ask("a", 0.5, 0.5), 0).expect("valid");
@@ -195,17 +195,18 @@ fn a_study_remembers_a_bounded_number_of_configurations() {
     let mut best_of_first = None;
     for place in 0..20 {
         run(&mut tuner, "a", 0.2 * f64::from(place % 5), 0.25 * f64::from(place / 5), 100);
-        let remembered: usize = tuner.states.known().iter().map(|state| state.results.remembered()).sum();
-        assert_eq!(remembered, tuner.states.remembered());
+        let remembered: usize =
+            tuner.knowledge.states.known().iter().map(|state| state.results.remembered()).sum();
+        assert_eq!(remembered, tuner.knowledge.states.remembered());
         assert!(remembered <= crate::limits::RECORDS_PER_STUDY_MAX, "{remembered} configurations");
         // The best and the default stay, and that others were tried is not forgotten.
-        let best = tuner.states.results(StateId(1)).best().map(|best| best.mean_cost);
+        let best = tuner.knowledge.states.results(StateId(1)).best().map(|best| best.mean_cost);
         assert_eq!(best, *best_of_first.get_or_insert(best));
-        assert!(tuner.states.results(StateId(1)).tried() >= 90);
-        assert!(tuner.states.default_cost(StateId(1)).is_some());
+        assert!(tuner.knowledge.states.results(StateId(1)).tried() >= 90);
+        assert!(tuner.knowledge.states.default_cost(StateId(1)).is_some());
     }
-    assert_eq!(tuner.states.len(), 20);
-    assert!(tuner.states.results(StateId(1)).remembered() < 90);
+    assert_eq!(tuner.knowledge.states.len(), 20);
+    assert!(tuner.knowledge.states.results(StateId(1)).remembered() < 90);
 }
 
 #[test]

@@ -280,7 +280,7 @@ fn other_states_hear_of_what_was_dear_once() {
         let trial = tuner.suggest_wanted(&ask("a", 0.1, 0.5), configuration.to_raw(), 0).expect("valid").0;
         assert!(tuner.report(&trial, measured(cost), Outcome::Ok, 1).is_ok());
     }
-    tuner.states.note_search(StateId(1));
+    tuner.knowledge.states.note_search(StateId(1));
     let there = StateId(suggest(&mut tuner, "b", 0.9, 0.5).state_id);
     let start = tuner.transfer().evidence(there).beginning(&space).expect("a state was searched");
     let layout = crate::search::Layout::of(&space);

@@ -116,7 +116,7 @@ fn beside(known: usize, landscape: u64, noise: u64) -> Vec<f64> {
         let there = if number == 0 { wants.opposite() } else { wants.like(&mut random) };
         explored(&mut tuner, place, &there, 1_000 * noise + number as u64, KNOWN);
     }
-    assert_eq!(tuner.states.len(), known, "each place is a state of its own");
+    assert_eq!(tuner.knowledge.states.len(), known, "each place is a state of its own");
     explored(&mut tuner, HERE, &wants, noise, MARKS[1])
 }
 
@@ -160,7 +160,8 @@ fn a_lucky_single_of_a_known_state_is_no_answer_of_a_new_one() {
         let lucky = tuner.spec().space.decode(&[0.9, 0.3, 0.6, 0.77]);
         let trial = tuner.suggest_wanted(&ask("w", 0.2, 0.5), lucky.to_raw(), 0).expect("valid").0;
         assert!(tuner.report(&trial, measured(20.0), Outcome::Ok, 1).is_ok());
-        let luckiest = tuner.states.results(StateId(1)).best().map(|record| record.configuration.clone());
+        let luckiest =
+            tuner.knowledge.states.results(StateId(1)).best().map(|record| record.configuration.clone());
         assert_eq!(luckiest.as_ref(), Some(&lucky), "by what was measured");
         let session_policy = SessionPolicy { epsilon: Some(0.0), ..SessionPolicy::default() };
         let production = Ask { session_policy, ..ask("production", 0.8, 0.5) };

@@ -174,7 +174,7 @@ fn the_silence_of_a_client_that_never_showed_that_it_lives_outlaws_nothing() {
         now_ms += 60_001;
         let count = tuner.searches.lost(StateId(1), &trial.configuration);
         assert_eq!(count, before + u32::from(lives && is_lost), "{lives}, {is_lost}");
-        assert!(!tuner.states.results(StateId(1)).is_infeasible(&trial.configuration));
+        assert!(!tuner.knowledge.states.results(StateId(1)).is_infeasible(&trial.configuration));
     }
 }
 
@@ -191,13 +191,16 @@ fn a_crash_after_a_success_is_a_failure_and_many_are_not() {
     wanted(&mut tuner, Outcome::Ok);
     wanted(&mut tuner, infeasible());
     wanted(&mut tuner, infeasible());
-    assert!(!tuner.states.results(state).is_infeasible(&best), "it ran twice");
+    assert!(!tuner.knowledge.states.results(state).is_infeasible(&best), "it ran twice");
     assert_eq!(tuner.best(None, None).expect("valid").expect("measured").configuration, best);
     wanted(&mut tuner, infeasible());
-    assert!(tuner.states.results(state).is_infeasible(&best), "it crashes more often than it runs");
+    assert!(tuner.knowledge.states.results(state).is_infeasible(&best), "it crashes more often than it runs");
     wanted(&mut tuner, Outcome::Ok);
     wanted(&mut tuner, Outcome::Ok);
-    assert!(!tuner.states.results(state).is_infeasible(&best), "it runs more often than it crashes");
+    assert!(
+        !tuner.knowledge.states.results(state).is_infeasible(&best),
+        "it runs more often than it crashes"
+    );
 }
 
 #[test]
@@ -207,12 +210,15 @@ fn a_crash_counts_once_no_measurement_is_left() {
     let wanted = |tuner: &mut Tuner, outcome: Outcome| {
         let trial = tuner.suggest_wanted(&ask("w", 0.5, 0.5), configuration.to_raw(), 0).expect("valid").0;
         finish(tuner, &trial, outcome);
-        tuner.states.results(state).is_infeasible(&configuration)
+        tuner.knowledge.states.results(state).is_infeasible(&configuration)
     };
     assert!(!wanted(&mut tuner, infeasible()), "it ran once");
-    tuner.states.amend(state, |results| results.restate(&configuration, &[]));
-    assert!(tuner.states.results(state).is_infeasible(&configuration), "it never ran, as far as is believed");
-    assert_eq!(tuner.states.results(state).tried(), 2);
+    tuner.knowledge.states.amend(state, |results| results.restate(&configuration, &[]));
+    assert!(
+        tuner.knowledge.states.results(state).is_infeasible(&configuration),
+        "it never ran, as far as is believed"
+    );
+    assert_eq!(tuner.knowledge.states.results(state).tried(), 2);
     assert!(!wanted(&mut tuner, Outcome::Ok), "it runs again");
 }
 
@@ -237,14 +243,14 @@ fn a_configuration_whose_lease_is_lost_twice_counts_as_infeasible_and_says_why()
         let real = tuner.report(given_up, measured(5.0), Outcome::Ok, now_ms);
         assert_eq!(real, Err(TunerError::GivenUp(second.number)), "nobody takes it for stored");
         assert_eq!(change.states.len(), 1, "the search heard of it");
-        let results = tuner.states.results(StateId(1));
+        let results = tuner.knowledge.states.results(StateId(1));
         assert!(results.is_infeasible(&first.configuration));
         for _ in 0..6 {
             let (trial, _) = crash(&mut tuner, "c", &mut now_ms);
             assert_ne!(trial.configuration, first.configuration);
         }
         // In another state it may work.
-        assert!(!tuner.states.contains(StateId(2)));
+        assert!(!tuner.knowledge.states.contains(StateId(2)));
     }
 }
 
@@ -338,10 +344,10 @@ fn a_program_that_is_interrupted_twice_outlaws_nothing_and_a_crash_goes_on_for_f
         })
         .collect();
     assert_eq!(lost, [0, 1], "the first says nothing");
-    assert!(!tuner.states.results(StateId(1)).is_infeasible(&first.configuration));
+    assert!(!tuner.knowledge.states.results(StateId(1)).is_infeasible(&first.configuration));
     let other = begin(&mut tuner, 4);
     assert_ne!(other.configuration, first.configuration, "three programs did not come back from it");
-    assert!(tuner.states.results(StateId(1)).is_infeasible(&first.configuration));
+    assert!(tuner.knowledge.states.results(StateId(1)).is_infeasible(&first.configuration));
 }
 
 #[test]
@@ -363,7 +369,7 @@ fn a_program_that_crashes_at_once_and_is_started_after_its_lease_gets_on_as_well
         assert_eq!(tuner.searches.lost(StateId(1), &first.configuration), lost);
         assert_eq!(change.states.len(), 1, "a restart of the daemon does not forget it");
     }
-    assert!(tuner.states.results(StateId(1)).is_infeasible(&first.configuration));
+    assert!(tuner.knowledge.states.results(StateId(1)).is_infeasible(&first.configuration));
     assert_ne!(crash(&mut tuner, 4).0.configuration, first.configuration);
 }
 
@@ -393,7 +399,7 @@ fn a_search_that_has_spent_its_budget_on_repeats_is_finished() {
         let own = tuner.searches.of(StateId(1)).expect("explored");
         let spent = crate::tuner::exploring::is_spent(
             own,
-            tuner.states.results(StateId(1)),
+            tuner.knowledge.states.results(StateId(1)),
             &tuner.spec().policy,
             30,
         );

@@ -28,7 +28,7 @@ fn gain(seed: u64, moves: bool) -> (f64, bool) {
     }
     let best = tuner.best(None, None).expect("valid").expect("measured");
     let default = truth(tuner.spec().space.default_ref());
-    (1.0 - truth(&best.configuration) / default, tuner.states.len() == 1)
+    (1.0 - truth(&best.configuration) / default, tuner.knowledge.states.len() == 1)
 }
 
 #[test]

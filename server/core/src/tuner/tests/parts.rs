@@ -36,18 +36,21 @@ fn whatever_may_change_a_search_is_counted_and_a_look_is_not() {
 #[test]
 fn updates_of_which_somebody_was_faster_are_dropped() {
     let mut tuner = tuner(Policy { predictor: PredictorMethod::Contextual, ..explore_always() });
-    tuner.defer_updates();
+    tuner.knowledge.defer_updates();
     for number in 0..12 {
         run(&mut tuner, "a", 0.1 * f64::from(number % 9), 0.5, 1);
     }
-    assert!(tuner.has_deferred_updates());
+    assert!(tuner.knowledge.has_deferred_updates());
     let space = tuner.spec().space.clone();
-    let (slow, fast) = (tuner.deferred_updates().expect("some"), tuner.deferred_updates().expect("some"));
-    tuner.apply_updates(fast.compute(&space));
-    assert!(!tuner.has_deferred_updates() && tuner.deferred_updates().is_none());
-    let after = tuner.models.predictors.clone();
-    tuner.apply_updates(slow.compute(&space));
-    assert_eq!(tuner.models.predictors, after);
+    let (slow, fast) = (
+        tuner.knowledge.deferred_updates().expect("some"),
+        tuner.knowledge.deferred_updates().expect("some"),
+    );
+    tuner.knowledge.apply_updates(fast.compute(&space));
+    assert!(!tuner.knowledge.has_deferred_updates() && tuner.knowledge.deferred_updates().is_none());
+    let after = tuner.knowledge.models.predictors.clone();
+    tuner.knowledge.apply_updates(slow.compute(&space));
+    assert_eq!(tuner.knowledge.models.predictors, after);
 }
 
 #[test]
@@ -61,8 +64,8 @@ fn a_state_is_untouched_until_something_runs_in_it() {
     assert!(!tuner.transfer().is_untouched(there));
     // Where something is known, nothing is proposed to begin with.
     assert!(tuner.transfer().first(there, 99, &[0.1, 0.5], &Planned::AtOnce).is_none());
-    let query = tuner.states.query(&tuner.spec.space, &[0.9, 0.5], Some(here));
-    let answer = tuner.models.predictors.predict(PredictorMethod::Contextual, &query);
+    let query = tuner.knowledge.states.query(&tuner.spec.space, &[0.9, 0.5], Some(here));
+    let answer = tuner.knowledge.models.predictors.predict(PredictorMethod::Contextual, &query);
     let (answer, method) = answer.expect("another state is known");
     assert_eq!(method, PredictorMethod::Contextual);
     assert!(answer.neighbours.iter().any(|neighbour| neighbour.state_id == there.get()), "{answer:?}");
@@ -75,7 +78,7 @@ fn exploiting_asks_a_predictor_until_the_states_own_search_is_over() {
     run(&mut tuner, "a", 0.1, 0.5, 3);
     assert!(tuner.transfer().needs_predictor(Some(StateId(1))));
     run(&mut tuner, "a", 0.1, 0.5, 12);
-    assert!(tuner.states.results(StateId(1)).tried() >= 6);
+    assert!(tuner.knowledge.states.results(StateId(1)).tried() >= 6);
     assert!(!tuner.transfer().needs_predictor(Some(StateId(1))));
 }
 
@@ -102,11 +105,11 @@ fn lost_leases_are_remembered_through_a_new_search_until_something_is_known() {
 #[test]
 fn updates_that_nobody_computes_are_not_put_off_without_end() {
     let mut tuner = tuner(Policy { predictor: PredictorMethod::Contextual, ..explore_always() });
-    tuner.defer_updates();
+    tuner.knowledge.defer_updates();
     let mut put_off = Vec::new();
     for number in 0..4 * DEFERRED_UPDATES_MAX {
         run(&mut tuner, "a", 0.01 * (number % 97) as f64, 0.5, 1);
-        put_off.push(tuner.models.predictors.deferred_count());
+        put_off.push(tuner.knowledge.models.predictors.deferred_count());
     }
     let most = put_off.iter().copied().max();
     assert!(most.is_some_and(|most| most > 1 && most <= DEFERRED_UPDATES_MAX), "{put_off:?}");
@@ -130,8 +133,8 @@ fn models_learn_what_a_trial_would_have_cost_on_the_first_machine() {
     for step in 0..12 {
         frame(2, 3.0, 0.3 + 0.05 * f64::from(step));
     }
-    let query = tuner.states.query(&tuner.spec.space, &[0.6, 0.5], None);
-    let answer = tuner.models.predictors.predict(PredictorMethod::Contextual, &query);
+    let query = tuner.knowledge.states.query(&tuner.spec.space, &[0.6, 0.5], None);
+    let answer = tuner.knowledge.models.predictors.predict(PredictorMethod::Contextual, &query);
     let (answer, _) = answer.expect("states are known");
     let cost = answer.expected.cost;
     assert!((8.0..13.0).contains(&cost), "{cost}, where the second machine measured 30");

@@ -237,9 +237,12 @@ fn what_was_taken_back_is_no_trouble_for_what_is_expected() {
     let mut tuner = tuner(explore_always());
     let trials = run(&mut tuner, "a", 0.5, 0.5, 3);
     for trial in &trials {
-        tuner.states.amend(StateId(trial.state_id), |results| results.restate(&trial.configuration, &[]));
+        tuner
+            .knowledge
+            .states
+            .amend(StateId(trial.state_id), |results| results.restate(&trial.configuration, &[]));
     }
-    let results = tuner.states.results(StateId(trials[0].state_id));
+    let results = tuner.knowledge.states.results(StateId(trials[0].state_id));
     assert!(results.tried() < results.searched(), "{} and {}", results.tried(), results.searched());
     let insight = tuner.predict(&ask("a", 0.5, 0.5).indicators, None).expect("valid").insight;
     assert!(insight.is_some());

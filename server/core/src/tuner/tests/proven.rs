@@ -176,7 +176,7 @@ fn what_was_taken_back_keeps_no_race_from_beginning() {
         let _trial = finish(&mut tuner, &trial, Outcome::Ok);
         if (5..8).contains(&frame) {
             let state = StateId(trial.state_id);
-            tuner.states.amend(state, |results| results.restate(&trial.configuration, &[]));
+            tuner.knowledge.states.amend(state, |results| results.restate(&trial.configuration, &[]));
         }
     }
     assert!(rules.contains(&Rule::Confirming), "{rules:?}");

@@ -188,7 +188,7 @@ fn what_is_told_holds_over_thirty_decades_of_costs() {
 fn costs_of_a_configuration_that_was_forgotten_can_all_be_taken_back() {
     let mut tuner = tuner(explore_always());
     let configuration = run(&mut tuner, "a", 0.5, 0.5, 1)[0].configuration.clone();
-    let mut results = tuner.states.results(StateId(1)).clone();
+    let mut results = tuner.knowledge.states.results(StateId(1)).clone();
     results.restate(&configuration, &[(1, 5.0), (2, 6.0), (3, 7.0)]);
     for (trial, cost, left) in [(1, 5.0, 2), (2, 6.0, 1), (3, 7.0, 0)] {
         results.take_back(&configuration, trial, cost);
@@ -202,7 +202,7 @@ fn costs_of_a_configuration_that_was_forgotten_can_all_be_taken_back() {
 fn a_cost_that_was_scaled_since_is_taken_back_by_its_trial() {
     let mut tuner = tuner(explore_always());
     let trials = run(&mut tuner, "a", 0.5, 0.5, 2);
-    let mut results = tuner.states.results(StateId(1)).clone();
+    let mut results = tuner.knowledge.states.results(StateId(1)).clone();
     for trial in &trials {
         let before = trial.cost.expect("measured");
         results.restate(&trial.configuration, &[(trial.number, 3.0 * before)]);

@@ -155,7 +155,7 @@ fn a_budget_counts_runs() {
             assert!(tuner.report(&trial, metrics, Outcome::Ok, 1).is_ok());
         }
         assert_eq!(searched, 30, "repeats and the default among them");
-        assert!(tuner.states.results(StateId(1)).tried() < 30);
+        assert!(tuner.knowledge.states.results(StateId(1)).tried() < 30);
     }
 }
 
@@ -201,12 +201,12 @@ fn what_was_forgotten_and_is_met_again_is_not_counted_twice() {
             let trial = tuner.suggest_wanted(&ask, wanted, 0).expect("valid").0;
             assert!(tuner.report(&trial, measured(10.0), Outcome::Ok, 1).is_ok());
         }
-        let results = tuner.states.results(state);
+        let results = tuner.knowledge.states.results(state);
         assert_eq!((results.tried(), results.searched(), results.remembered()), (6, 0, 6), "round {round}");
         assert!(!tuner.searches.few().is_exhausted(results), "four were never tried");
-        tuner.states.amend(state, |results| results.forget(2, &default, true));
-        assert_eq!(tuner.states.results(state).remembered(), 2);
-        assert_eq!(tuner.states.results(state).tried(), 6, "they have been tried");
+        tuner.knowledge.states.amend(state, |results| results.forget(2, &default, true));
+        assert_eq!(tuner.knowledge.states.results(state).remembered(), 2);
+        assert_eq!(tuner.knowledge.states.results(state).tried(), 6, "they have been tried");
     }
 }
 

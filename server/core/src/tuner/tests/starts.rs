@@ -139,7 +139,7 @@ fn runs_of_starts_take_nothing_of_a_search() {
         let trial = frame(&mut tuner, &begins_with(&number.to_string(), &start(number)));
         assert!(trial.configuration == start(number) && !trial.decision.is_run_of_search(), "{trial:?}");
     }
-    let results = tuner.states.results(state);
+    let results = tuner.knowledge.states.results(state);
     assert_eq!((results.tried(), results.runs(), results.searched()), (10, 0, 0));
     let trials = run(&mut tuner, "x", 0.5, 0.5, 20);
     let searched = trials.iter().filter(|trial| trial.decision.is_run_of_search()).count();
@@ -186,7 +186,7 @@ fn a_verdict_stands_unless_a_start_beats_it_also_after_a_restart() {
         now_ms = trial.lease_expire_ms + 1;
         rows.write(&tuner.expire(now_ms));
     }
-    let saved = tuner.learnt().checkpoint().expect("a small study");
+    let saved = tuner.knowledge.learnt(tuner.spec()).checkpoint().expect("a small study");
     let next = |tuner: &Tuner| tuner.clone().suggest(&begins_with("e", &lost), now_ms).expect("valid").0;
     assert!(!next(&tuner).decision.measures_start(), "it is left");
     for checkpoint in [None, Some(&saved)] {
@@ -209,7 +209,7 @@ fn a_lost_start_goes_to_the_next_client_and_is_left_in_the_end() {
         now_ms = trial.lease_expire_ms + 1;
         assert_eq!(tuner.expire(now_ms).trials.len(), 1);
     }
-    assert!(tuner.states.results(state).record(&start).is_none(), "it has not failed");
+    assert!(tuner.knowledge.states.results(state).record(&start).is_none(), "it has not failed");
     // A client that is restarted again and again gets the default in the end where it explores.
     for (policy, is_left) in [(explore_always(), true), (exploit_always(), false)] {
         let mut tuner = seeded(1, policy);
@@ -217,7 +217,7 @@ fn a_lost_start_goes_to_the_next_client_and_is_left_in_the_end() {
         let trials = [1, 2, 3].map(|session| tuner.suggest(&asked(session), 0).expect("valid").0);
         assert_eq!((trials[0].number, &trials[0].configuration), (trials[1].number, &start));
         assert_eq!(trials[2].configuration != start, is_left, "{trials:?}");
-        assert!(tuner.states.results(state).record(&start).is_none(), "it has not failed");
+        assert!(tuner.knowledge.states.results(state).record(&start).is_none(), "it has not failed");
     }
 }
 

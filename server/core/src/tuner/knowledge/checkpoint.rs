@@ -1,4 +1,4 @@
-//! The knowledge of a tuner from completed trials, as bytes, so that a restart need not replay all trials.
+//! The knowledge from completed trials as bytes, so that a restart need not replay all trials.
 //!
 //! A checkpoint only saves time. It names its version and its specification and carries a check sum. Where
 //! one of these does not fit, the checkpoint is ignored and all trials are replayed. A tuner from a
@@ -19,8 +19,8 @@ use crate::predict::Predictors;
 use crate::predict::state_index::IndicatorStatistics;
 use crate::results::ResultTable;
 use crate::study::StudySpec;
-use crate::tuner::knowledge::{Auxiliaries, History, Rechecks, Speeds};
-use crate::tuner::{Checkpoint, CheckpointTooLarge, Tuner};
+use crate::tuner::knowledge::{Auxiliaries, History, Knowledge, Rechecks, Speeds};
+use crate::tuner::{Checkpoint, CheckpointTooLarge};
 
 /// To be raised whenever anything changes that a checkpoint holds, or how trials are learnt.
 const VERSION: u64 = 21;
@@ -83,13 +83,13 @@ impl Learnt {
     }
 }
 
-impl Tuner {
-    /// The knowledge so far.
-    pub fn learnt(&self) -> Learnt {
+impl Knowledge {
+    /// The knowledge so far, of a study with this specification.
+    pub fn learnt(&self, spec: &Arc<StudySpec>) -> Learnt {
         Learnt {
-            mark: mark(&self.spec),
+            mark: mark(spec),
             completion: self.last_completion,
-            spec: Arc::clone(&self.spec),
+            spec: Arc::clone(spec),
             body: Body {
                 completed: self.completed,
                 results: self.states.known().iter().map(|state| Arc::clone(&state.results)).collect(),
@@ -97,7 +97,7 @@ impl Tuner {
                 statistics: self.states.indicator_statistics().clone(),
                 history: self.history.clone(),
                 forget_above: self.states.forget_above(),
-                predictor: self.spec.policy.predictor,
+                predictor: spec.policy.predictor,
                 models_since: self.models.since,
                 predictors: self.models.predictors.clone(),
                 speeds: self.speeds.clone(),
@@ -107,14 +107,14 @@ impl Tuner {
         }
     }
 
-    /// Takes over a checkpoint into a tuner that has its states and has learnt nothing. An error says why the
-    /// checkpoint is of no use; the tuner is then unchanged.
-    pub(super) fn take_over(&mut self, checkpoint: &Checkpoint) -> Result<(), String> {
+    /// Takes over a checkpoint where the states are known and nothing was learnt. An error says why the
+    /// checkpoint is of no use; nothing has then changed.
+    pub(crate) fn take_over(&mut self, spec: &StudySpec, checkpoint: &Checkpoint) -> Result<(), String> {
         let (head, packed) = checkpoint.bytes.split_at_checked(16).ok_or("it is cut off")?;
         let word = |place: usize| {
             head[place..place + 8].iter().rev().fold(0, |word: u64, &byte| word << 8 | u64::from(byte))
         };
-        if word(0) != mark(&self.spec) {
+        if word(0) != mark(spec) {
             return Err("it is of another version or specification".into());
         }
         if word(8) != sum_of(packed) {
@@ -130,18 +130,18 @@ impl Tuner {
         if body.pooling.len() > self.states.machines.len() {
             return Err("it knows machines that do not exist".into());
         }
-        let space = &self.spec.space;
+        let space = &spec.space;
         let tables = body.results.iter_mut().all(|results| Arc::make_mut(results).settle(space));
-        let metrics = self.spec.objective.auxiliary().len();
-        let indicators = self.spec.indicators.indicators().len();
+        let metrics = spec.objective.auxiliary().len();
+        let indicators = spec.indicators.indicators().len();
         let corrections = body.speeds.fits(space)
             && body.rechecks.fits(space)
             && body.auxiliaries.fits(space, metrics, indicators);
         if !(tables && corrections && body.predictors.settle(space)) {
             return Err("it does not fit its study".into());
         }
-        let current = body.predictor == self.spec.policy.predictor && body.models_since == self.models.since;
-        let needed = Predictors::are_needed(self.spec.policy.predictor);
+        let current = body.predictor == spec.policy.predictor && body.models_since == self.models.since;
+        let needed = Predictors::are_needed(spec.policy.predictor);
         if current {
             self.models.predictors = body.predictors;
         } else if needed && checkpoint.completion > self.models.since {
@@ -183,7 +183,7 @@ mod tests {
     use crate::testing::cases;
     use crate::trial::Outcome;
     use crate::tuner::tests::{ask, cost, measured, spec};
-    use crate::tuner::{Change, Restoring, Snapshot};
+    use crate::tuner::{Change, Restoring, Snapshot, Tuner};
 
     /// A tuner that has learnt from three states, its rows, and the checkpoint.
     fn learnt(policy: Policy) -> (Tuner, Snapshot, Checkpoint) {
@@ -201,7 +201,7 @@ mod tests {
         rows.states.dedup_by_key(|state| state.id);
         rows.states.reverse();
         let snapshot = Snapshot { states: rows.states, visits: vec![], last_trial: 60, models_since: 0 };
-        let checkpoint = tuner.learnt().checkpoint().expect("a small study");
+        let checkpoint = tuner.knowledge.learnt(tuner.spec()).checkpoint().expect("a small study");
         (tuner, snapshot, checkpoint)
     }
 
@@ -214,26 +214,28 @@ mod tests {
                 Restoring::new(tuner.spec().clone(), snapshot, Some(&checkpoint)).expect("consistent");
             assert_eq!((restoring.passed_over(), restoring.after()), (None, 60));
             let back = restoring.finish([]).expect("whole");
-            let results =
-                |tuner: &Tuner| tuner.states.known().iter().map(|s| s.results.clone()).collect::<Vec<_>>();
+            let results = |tuner: &Tuner| {
+                tuner.knowledge.states.known().iter().map(|s| s.results.clone()).collect::<Vec<_>>()
+            };
             assert_eq!(results(&back), results(&tuner));
-            assert_eq!(back.models.predictors, tuner.models.predictors);
-            assert_eq!(back.history, tuner.history);
+            assert_eq!(back.knowledge.models.predictors, tuner.knowledge.models.predictors);
+            assert_eq!(back.knowledge.history, tuner.knowledge.history);
             assert_eq!(
-                (back.statistics(), back.states.remembered()),
-                (tuner.statistics(), tuner.states.remembered())
+                (back.statistics(), back.knowledge.states.remembered()),
+                (tuner.statistics(), tuner.knowledge.states.remembered())
             );
             // And it can be saved again, to equal bytes.
-            assert_eq!(back.learnt().checkpoint(), Ok(checkpoint));
+            assert_eq!(back.knowledge.learnt(back.spec()).checkpoint(), Ok(checkpoint));
         }
     }
 
     #[test]
     fn what_could_not_be_read_again_is_not_packed() {
         let (tuner, _, checkpoint) = learnt(Policy::default());
-        let refused = tuner.learnt().checkpoint_within(1_000).expect_err("more than that");
+        let refused =
+            tuner.knowledge.learnt(tuner.spec()).checkpoint_within(1_000).expect_err("more than that");
         assert!(refused.bytes > 1_000 && refused.to_string().contains("1000"), "{refused}");
-        assert_eq!(tuner.learnt().checkpoint_within(refused.bytes), Ok(checkpoint));
+        assert_eq!(tuner.knowledge.learnt(tuner.spec()).checkpoint_within(refused.bytes), Ok(checkpoint));
     }
 
     #[test]
