@@ -65,8 +65,9 @@ DEFECTS = {
     ),
     "trial_handed_to_two": (
         "server/core/src/tuner/suggest.rs",
-        "let number = self.trials.last().next();",
-        "let number = if HERE { TrialNumber(self.trials.last().0.max(1)) } else { self.trials.last().next() };",
+        "let number = self.clients.trials.last().next();",
+        "let number = if HERE { TrialNumber(self.clients.trials.last().0.max(1)) }\n"
+        "                else { self.clients.trials.last().next() };",
     ),
 }
 

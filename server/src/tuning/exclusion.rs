@@ -19,7 +19,7 @@ impl Tuning {
         let mark = self
             .with_tuner(&name.study.id, |live, store, _| {
                 live.knows(name)?;
-                if live.tuner.open_trial(name.number).is_some() {
+                if live.tuner.clients().open_trial(name.number).is_some() {
                     let (number, state) = (name.number, TrialState::Open);
                     return Err(Error::from(TunerError::NotCompleted { number, state }));
                 }

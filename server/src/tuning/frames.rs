@@ -1,7 +1,7 @@
 //! Suggest and report, as two requests or as one: the requests of a client's frame.
 
 use treewright_core::trial::{RawTrial, Trial, TrialState};
-use treewright_core::tuner::{Change, DecisionStep, Tuner, TunerError};
+use treewright_core::tuner::{Change, DecisionStep, TunerError, gave_up};
 use treewright_store::{Fence, Receipt, Store};
 
 use super::loading::misfit;
@@ -170,7 +170,7 @@ impl Tuning {
     async fn report_closed(&self, report: &Report, mark: ClosedMark) -> Result<Result<Taken, Box<RawTrial>>> {
         let known = |stored: &RawTrial| match stored.state {
             // The client that reports must not believe that it is stored.
-            _ if Tuner::gave_up(stored) => Err(Error::from(TunerError::GivenUp(stored.number))),
+            _ if gave_up(stored) => Err(Error::from(TunerError::GivenUp(stored.number))),
             TrialState::Completed => Ok(Some(Err(Box::new(stored.clone())))),
             _ => Ok(None),
         };
@@ -269,7 +269,7 @@ fn take(live: &mut Live, report: &Report, now_ms: i64) -> ReportOutcome {
     if let Err(error) = live.knows(&report.trial) {
         return ReportOutcome::Refused(error);
     }
-    let Some(open) = live.tuner.open_trial(report.trial.number).cloned() else {
+    let Some(open) = live.tuner.clients().open_trial(report.trial.number).cloned() else {
         return ReportOutcome::Closed;
     };
     match completed(live, &open, report, now_ms) {

@@ -119,7 +119,7 @@ impl Tuning {
         let computed = runtime
             .with(|live| {
                 let now_ms = self.now_ms();
-                live.tuner.pardon_leases(self.environment.presence.pardoned_until_ms(now_ms));
+                live.tuner.clients_mut().pardon_leases(self.environment.presence.pardoned_until_ms(now_ms));
                 live.expire(store, now_ms);
                 compute(live, store, now_ms)
             })

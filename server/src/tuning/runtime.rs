@@ -130,11 +130,11 @@ impl Live {
 
     /// Ends the leases that have run out, so that no decision rests on them.
     pub(super) fn expire(&mut self, store: &dyn Store, now_ms: i64) {
-        if self.tuner.next_expiry_ms().is_none_or(|next_ms| next_ms >= now_ms) {
+        if self.tuner.clients().next_expiry_ms().is_none_or(|next_ms| next_ms >= now_ms) {
             return;
         }
         let change = self.tuner.expire(now_ms);
-        let next_ms = self.tuner.next_expiry_ms();
+        let next_ms = self.tuner.clients().next_expiry_ms();
         debug_assert!(next_ms.is_none_or(|next_ms| next_ms >= now_ms), "{next_ms:?} is over at {now_ms}");
         debug_assert!(change.trials.iter().all(|trial| trial.state != TrialState::Open), "a lease goes on");
         self.metrics.expired(change.trials.len());
@@ -251,7 +251,7 @@ fn keep(runtime: &Weak<Runtime>, read: Read, study: &str) {
         return;
     };
     tuner.knowledge_mut().defer_updates();
-    tuner.pardon_leases(back_since(runtime.environment.clock.now_ms()));
+    tuner.clients_mut().pardon_leases(back_since(runtime.environment.clock.now_ms()));
     let completed = tuner.statistics().completed_trials;
     debug_assert!(saved.completion <= completed, "{} of {completed} are saved", saved.completion);
     tracing::info!(study, completed, from_checkpoint = saved.completion, "study loaded");

@@ -154,7 +154,7 @@ impl Live {
             let stored = own.and_then(|own| earlier.adopt(revision, own.to_raw(), &change.space));
             stored.is_none() || stored != adopted(by_now)
         };
-        let outside = self.tuner.open_trials().filter(is_outside).cloned().collect();
+        let outside = self.tuner.clients().open_trials().filter(is_outside).cloned().collect();
         let spec = StudySpec { space: change.space.clone(), policy, ..(**spec).clone() };
         spec.validate().map_err(|error| Error::invalid("space", error))?;
         Ok(ChangedStudy { spec, earlier, outside, is_new: true })
@@ -207,7 +207,7 @@ impl Live {
             let chosen = chosen.inspect_err(|_| self.fence().break_up())?;
             // One that it was given before may be running.
             if trial.number > last {
-                self.tuner.forgo(&trial);
+                self.tuner.clients_mut().forgo(&trial);
             }
             let instead = self.tuner.suggest_chosen(&suggest.ask.at(now_ms), chosen, Some(said), now_ms);
             // The first answer is not stored, so the copy in memory is ahead of the database.

@@ -58,7 +58,7 @@ impl Tuning {
     ) -> Result<Result<(Trial, Receipt), ClosedMark>> {
         self.with_tuner(&name.study.id, |live, store, now_ms| {
             live.knows(name)?;
-            let Some(open) = live.tuner.open_trial(name.number).cloned() else {
+            let Some(open) = live.tuner.clients().open_trial(name.number).cloned() else {
                 return Ok(Err(live.mark(store)));
             };
             let (trial, change) = change(&mut live.tuner, &open, now_ms)?;

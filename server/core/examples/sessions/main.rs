@@ -110,7 +110,7 @@ impl Session {
     fn pick(&mut self) -> Option<(Trial, u32)> {
         let back = self.random.random_range(0..6).min(self.trials.len().checked_sub(1)?);
         let (number, (stored, threads)) = self.trials.iter().nth_back(back)?;
-        Some((self.tuner.open_trial(*number).unwrap_or(stored).clone(), *threads))
+        Some((self.tuner.clients().open_trial(*number).unwrap_or(stored).clone(), *threads))
     }
 
     fn take(&mut self, change: &Change, threads: u32) {

@@ -53,11 +53,11 @@ impl Tuner {
     /// to explore, unless the policy has the dice thrown once.
     pub(super) fn decides(&self, ask: &Ask, state: Option<StateId>) -> Option<u64> {
         let client_id = &ask.client_id;
-        let Some(visit) = self.visits.of(client_id) else { return Some(1) };
+        let Some(visit) = self.clients.visits.of(client_id) else { return Some(1) };
         let Some(state) = state.filter(|state| visit.state_id == state.0) else {
             return Some(visit.number + 1);
         };
-        if self.visits.has_other_wishes(client_id, &ask.session_policy) {
+        if self.clients.visits.has_other_wishes(client_id, &ask.session_policy) {
             return Some(visit.number + 1);
         }
         let (policy, stay) = (&self.spec.policy, self.knowledge.history.stay(client_id, state));

@@ -76,7 +76,7 @@ impl Tuner {
     ) -> Insight {
         let results = self.knowledge.states.results(state);
         // A session may want a longer search than the study's operator, or a shorter one.
-        let room = self.visits.room(state).unwrap_or(self.spec.policy.trials_per_state as usize);
+        let room = self.clients.visits.room(state).unwrap_or(self.spec.policy.trials_per_state as usize);
         let is_finished = self.standings().is_spent_within(room, state);
         let prospect = self.knowledge.gain(&self.spec.policy).prospect("", state, room);
         let left = room.saturating_sub(self.searches.taken(state, results, &self.spec.policy));

@@ -14,52 +14,32 @@
 //! default, its start. A start to be measured goes to the next client that asks with it, until as many of its
 //! leases were lost. Then nobody measures it as a start any more.
 
+use std::collections::BTreeMap;
+
 use crate::ids::{StateId, TrialNumber};
 use crate::limits::LEASES_LOST_MAX;
 use crate::results::runs_start;
 use crate::trial::{Outcome, Trial, TrialState};
+use crate::tuner::report::completed;
 use crate::tuner::{Ask, Change, Tuner};
 
 impl Tuner {
-    /// Whether a trial was completed by [lost leases](LEASES_LOST_MAX), and by no report of its client.
-    pub fn gave_up<C>(trial: &Trial<C>) -> bool {
-        let is_infeasible = matches!(trial.outcome, Some(Outcome::Infeasible { .. }));
-        is_infeasible && trial.measurements.is_empty() && trial.decision.lost_leases >= LEASES_LOST_MAX
-    }
-
-    /// Ends an open trial whose lease was lost. The change has no states: they are the caller's to add.
-    pub(super) fn lose(&mut self, number: TrialNumber, now_ms: i64) -> Change {
-        let ended_ms = self.trials.get(number).map_or(i64::MAX, |trial| trial.lease_expire_ms);
-        let was_alive = self.trials.get(number).is_some_and(|trial| trial.decision.heartbeat);
-        let is_pardoned = ended_ms <= self.pardoned_until_ms;
-        let lost_leases = if is_pardoned { 0 } else { self.note_lost(number, was_alive) };
-        let infeasible = (lost_leases >= LEASES_LOST_MAX).then(|| self.give_up(number, lost_leases, now_ms));
-        infeasible.flatten().unwrap_or_else(|| {
-            let expired = self.take_back(number, TrialState::Expired);
-            Change { trials: expired.into_iter().collect(), ..Change::default() }
-        })
-    }
-
     /// Counts a lost lease if the client was restarted since it received the trial that it holds for a state.
     /// Returns the change that ends the trial; `None` where the client still holds it.
     pub(super) fn lose_to_restart(&mut self, ask: &Ask, state: StateId, now_ms: i64) -> Option<Change> {
-        let held = self.trials.of_client(&ask.client_id, state)?;
+        let held = self.clients.trials.of_client(&ask.client_id, state)?;
         let (number, leaves_start) = (TrialNumber(held.number), self.leaves_start(ask, held));
         if !is_restarted(ask, held) {
             return None;
         }
         let was_alive = held.decision.heartbeat || held.decision.left_behind;
         let lost_leases = self.note_lost(number, was_alive);
-        if lost_leases >= LEASES_LOST_MAX {
-            return self.give_up(number, lost_leases, now_ms);
-        }
-        if leaves_start {
-            let expired = self.take_back(number, TrialState::Expired);
-            return Some(Change { trials: expired.into_iter().collect(), ..Change::default() });
+        if lost_leases >= LEASES_LOST_MAX || leaves_start {
+            return Some(self.end_lost(number, lost_leases, now_ms));
         }
         let all_lost =
-            self.trials.get(number).map_or(0, |held| self.searches.lost(state, &held.configuration));
-        self.trials.hold_by(number, ask.session, all_lost);
+            self.clients.trials.get(number).map_or(0, |held| self.searches.lost(state, &held.configuration));
+        self.clients.trials.hold_by(number, ask.session, all_lost);
         None
     }
 
@@ -73,8 +53,8 @@ impl Tuner {
     /// for the default, for the client's own one, for a measured configuration, and where the client's
     /// silence says nothing: it never showed that it lives, and no session before was silent. Those of a
     /// start that is to be measured are counted by themselves.
-    fn note_lost(&mut self, number: TrialNumber, was_alive: bool) -> u32 {
-        let Some(trial) = self.trials.get(number) else { return 0 };
+    pub(super) fn note_lost(&mut self, number: TrialNumber, was_alive: bool) -> u32 {
+        let Some(trial) = self.clients.trials.get(number) else { return 0 };
         let (state, configuration) = (StateId(trial.state_id), trial.configuration.clone());
         let record = self.knowledge.states.results(state).record(&configuration);
         let was_measured = record.is_some_and(|record| record.measurements > 0);
@@ -91,19 +71,34 @@ impl Tuner {
         if counts { self.searches.note_lost(state, &configuration) } else { 0 }
     }
 
-    /// Completes an open trial as infeasible.
-    fn give_up(&mut self, number: TrialNumber, lost_leases: u32, now_ms: i64) -> Option<Change> {
-        assert!(lost_leases >= LEASES_LOST_MAX, "{lost_leases} lost leases are no reason");
-        self.trials.hold_by(number, self.trials.get(number)?.decision.session, lost_leases);
-        let reason = format!(
-            "{lost_leases} leases of this configuration were lost in this state and it was never measured there: \
-             a client that runs it crashes or hangs"
-        );
-        let trial = self.trials.get(number)?;
-        let completed =
-            self.completed(trial, Default::default(), Outcome::infeasible(reason), now_ms).ok()?;
-        Some(self.take(&completed))
+    /// Ends an open trial whose lease was lost: as infeasible after too many `lost_leases`. The change has no
+    /// states: they are the caller's to add.
+    pub(super) fn end_lost(&mut self, number: TrialNumber, lost_leases: u32, now_ms: i64) -> Change {
+        if lost_leases >= LEASES_LOST_MAX
+            && let Some(session) = self.clients.trials.get(number).map(|trial| trial.decision.session)
+        {
+            self.clients.trials.hold_by(number, session, lost_leases);
+            let reason = format!(
+                "{lost_leases} leases of this configuration were lost in this state and it was never \
+                 measured there: a client that runs it crashes or hangs"
+            );
+            let (outcome, completion) = (Outcome::infeasible(reason), self.knowledge.last_completion + 1);
+            let completed = self.clients.trials.get(number).and_then(|trial| {
+                completed(&self.spec.objective, trial, BTreeMap::new(), outcome, completion, now_ms).ok()
+            });
+            if let Some(completed) = completed {
+                return self.take(&completed);
+            }
+        }
+        let expired = self.take_back(number, TrialState::Expired);
+        Change { trials: expired.into_iter().collect(), ..Change::default() }
     }
+}
+
+/// Whether a trial was completed by [lost leases](LEASES_LOST_MAX), and by no report of its client.
+pub fn gave_up<C>(trial: &Trial<C>) -> bool {
+    let is_infeasible = matches!(trial.outcome, Some(Outcome::Infeasible { .. }));
+    is_infeasible && trial.measurements.is_empty() && trial.decision.lost_leases >= LEASES_LOST_MAX
 }
 
 /// Whether the client was restarted since it received the trial that it holds.

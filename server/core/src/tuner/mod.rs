@@ -10,11 +10,11 @@
 //!
 //! [`Tuner`] joins the parts of three rooms, which keep their own invariants. [`Knowledge`] holds the
 //! `states` (recognition, and the table of each state), their `history` and `assessment`s, the `speeds` of
-//! machines, `auxiliaries` and `models`, and packs them as a `checkpoint`; `clients` the `visits` (states and budgets) and `trials` (the open ones and
-//! their holders); `exploring` the `searches` and what works on them: the `walk` to the next point, the
-//! `repeats`, the `confirmation` of the best against the incumbent, the `standings` of a state's own
-//! measurements, the choice of what is exploited (`exploiting`), and the `transfer` of the results of other
-//! states and machines.
+//! machines, `auxiliaries` and `models`, and packs them as a `checkpoint`. [`Clients`] holds the `visits`
+//! (states and budgets) and `trials` (the open ones and their holders). `exploring` holds the `searches` and
+//! what works on them: the `walk` to the next point, the `repeats`, the `confirmation` of the best against
+//! the incumbent, the `standings` of a state's own measurements, the choice of what is exploited
+//! (`exploiting`), and the `transfer` of the results of other states and machines.
 //!
 //! Each step has its file: `decide` takes decisions by what a `session` wishes, `start` lets a client begin
 //! with its own default, `explore` and `within_budget` choose what is explored, `planning` copies the inputs
@@ -49,11 +49,13 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 pub use budget::Account;
+pub use clients::Clients;
 pub use exploring::exploration::Exploration;
 pub use insight::{Insight, Omission, OmissionReason, Prospect};
 pub use knowledge::Knowledge;
 pub use knowledge::assessment::{Assessment, AssessmentRequest};
 pub use knowledge::checkpoint::Learnt;
+pub use leases::gave_up;
 pub use plan::{DecisionStep, PlanRequest, SuggestionPlan};
 pub use recorded::{RecordedVisitDecision, VisitDecisionBefore};
 pub use restore::Restoring;
@@ -70,7 +72,6 @@ use crate::policy::Policy;
 use crate::predict::Predictors;
 use crate::study::{StudyError, StudySpec};
 use crate::trial::{Fingerprint, Outcome, Trial, TrialState};
-use crate::tuner::clients::{OpenTrials, Visits};
 use crate::tuner::exploring::Searches;
 use crate::tuner::plan::Planned;
 
@@ -82,11 +83,8 @@ use crate::tuner::plan::Planned;
 pub struct Tuner {
     spec: Arc<StudySpec>,
     knowledge: Knowledge,
+    clients: Clients,
     searches: Searches,
-    trials: OpenTrials,
-    visits: Visits,
-    /// Leases that end up to this time, in milliseconds, do not count as lost.
-    pardoned_until_ms: i64,
 }
 
 /// A client's question with its indicators normalised and its state recognised. Valid until the tuner is
@@ -106,9 +104,7 @@ impl Tuner {
         Ok(Tuner {
             knowledge: Knowledge::new(&spec),
             searches: Searches::new(&spec.space),
-            trials: OpenTrials::default(),
-            visits: Visits::default(),
-            pardoned_until_ms: i64::MIN,
+            clients: Clients::new(),
             spec,
         })
     }
@@ -185,19 +181,11 @@ impl Tuner {
         self.answer(question, Some(chosen), Planned::AtOnce, now_ms)
     }
 
-    /// Charges nothing for a trial that was just handed out and that its client never hears of, because it
-    /// gets [another](Tuner::suggest_chosen).
-    pub fn forgo(&mut self, trial: &Trial) {
-        if let Some(account) = self.visits.account_mut(&trial.client_id) {
-            account.forgo(trial.number);
-        }
-    }
-
     // Report, and the other ends of a trial.
 
     /// Takes the result of a trial and returns the change to store before the result is acknowledged.
     ///
-    /// `trial` is the caller's record: [`Tuner::open_trial`], or the record of its store when the lease has
+    /// `trial` is the caller's record: [`Clients::open_trial`], or the record of its store when the lease has
     /// run out. The result then still counts and is flagged `late`. [`TunerError::AlreadyCompleted`] and
     /// [`TunerError::Abandoned`] follow from the caller's record. `measurements` are finite and not negative;
     /// with [`Outcome::Ok`] they hold every metric of the objective and of its limits. A measurement beyond a
@@ -223,22 +211,26 @@ impl Tuner {
         now_ms: i64,
     ) -> Result<(Trial, Change), TunerError> {
         let number = trial.number;
-        let trial = match (self.trials.get(TrialNumber(number)), trial.state) {
+        let is_ours =
+            self.clients.handed_out(trial) && self.knowledge.states.contains(StateId(trial.state_id));
+        let trial = match (self.clients.trials.get(TrialNumber(number)), trial.state) {
             (Some(open), _) => open,
-            (None, TrialState::Completed) if Tuner::gave_up(trial) => {
+            (None, TrialState::Completed) if gave_up(trial) => {
                 return Err(TunerError::GivenUp(number));
             }
             (None, TrialState::Completed) => return Err(TunerError::AlreadyCompleted(number)),
             (None, TrialState::Abandoned) => return Err(TunerError::Abandoned(number)),
-            (None, TrialState::Expired) if self.is_ours(trial) => trial,
+            (None, TrialState::Expired) if is_ours => trial,
             (None, _) => return Err(TunerError::UnknownTrial(number)),
         };
         check_report(&measurements, &standard_errors)?;
         checks::outcome(&outcome)?;
-        let completed = self.completed(trial, measurements, outcome, now_ms)?;
+        let completion = self.knowledge.last_completion + 1;
+        let completed =
+            report::completed(&self.spec.objective, trial, measurements, outcome, completion, now_ms)?;
         let completed = Trial { standard_errors, ..completed };
         let change = self.take(&completed);
-        assert!(self.open_trial(number).is_none(), "trial {number} is not open any more");
+        assert!(self.clients.open_trial(number).is_none(), "trial {number} is not open any more");
         Ok((completed, change))
     }
 
@@ -246,7 +238,7 @@ impl Tuner {
     /// record the caller has, as for [`Tuner::report`].
     pub fn abandon(&mut self, trial: &Trial) -> Result<(Trial, Change), TunerError> {
         let number = trial.number;
-        if let Some(state) = self.trials.get(TrialNumber(number)).map(|open| StateId(open.state_id)) {
+        if let Some(state) = self.clients.trials.get(TrialNumber(number)).map(|open| StateId(open.state_id)) {
             let before = self.searches.changes(state);
             let abandoned = self.take_back(TrialNumber(number), TrialState::Abandoned);
             let mut change = Change { trials: abandoned.into_iter().collect(), ..Change::default() };
@@ -257,10 +249,12 @@ impl Tuner {
             let trial = change.trials[0].clone();
             return Ok((trial, change));
         }
+        let is_ours =
+            self.clients.handed_out(trial) && self.knowledge.states.contains(StateId(trial.state_id));
         match trial.state {
             TrialState::Completed => Err(TunerError::AlreadyCompleted(number)),
             TrialState::Abandoned => Ok((trial.clone(), Change::default())),
-            TrialState::Expired if self.is_ours(trial) => {
+            TrialState::Expired if is_ours => {
                 let abandoned = Trial { state: TrialState::Abandoned, ..trial.clone() };
                 Ok((abandoned.clone(), Change { trials: vec![abandoned], ..Change::default() }))
             }
@@ -270,8 +264,9 @@ impl Tuner {
 
     /// Renews the lease of an open trial, counted from now.
     pub fn extend_lease(&mut self, trial: &Trial, now_ms: i64) -> Result<(Trial, Change), TunerError> {
-        self.trials.note_heartbeat(TrialNumber(trial.number));
-        match self.renew(TrialNumber(trial.number), now_ms) {
+        let number = TrialNumber(trial.number);
+        self.clients.trials.note_heartbeat(number);
+        match self.clients.renew(number, &self.spec.policy, now_ms) {
             Some(renewed) => Ok((renewed.clone(), Change { trials: vec![renewed], ..Change::default() })),
             None => Err(TunerError::NotOpen { number: trial.number, state: trial.state }),
         }
@@ -280,14 +275,16 @@ impl Tuner {
     /// Ends every lease that has run out by `now_ms`: the trial is expired and its search point goes back. A
     /// configuration that loses its [last](crate::limits::LEASES_LOST_MAX) lease in the state, and was never
     /// measured there, is completed as infeasible. This does not hold for a lease that is
-    /// [pardoned](Tuner::pardon_leases), or whose client never showed that it lives.
+    /// [pardoned](Clients::pardon_leases), or whose client never showed that it lives.
     pub fn expire(&mut self, now_ms: i64) -> Change {
         let mut change = Change::default();
         let mut states = BTreeSet::new();
-        for number in self.trials.due(now_ms) {
-            let Some(state) = self.trials.get(number).map(|trial| StateId(trial.state_id)) else { continue };
-            let before = self.searches.changes(state);
-            let lost = self.lose(number, now_ms);
+        for number in self.clients.trials.due(now_ms) {
+            let Some(trial) = self.clients.trials.get(number) else { continue };
+            let (state, was_alive) = (StateId(trial.state_id), trial.decision.heartbeat);
+            let (before, is_pardoned) = (self.searches.changes(state), self.clients.is_pardoned(trial));
+            let lost_leases = if is_pardoned { 0 } else { self.note_lost(number, was_alive) };
+            let lost = self.end_lost(number, lost_leases, now_ms);
             change.trials.extend(lost.trials);
             change.visits.extend(lost.visits);
             if self.searches.changes(state) != before {
@@ -296,23 +293,6 @@ impl Tuner {
         }
         change.states = states.into_iter().map(|state| self.standings().row(state)).collect();
         change
-    }
-
-    /// Leases that end up to `until_ms` say nothing of their configurations, because no report could be taken
-    /// until then. They end as any other and do not count as lost. A time before that of an earlier call
-    /// changes nothing.
-    pub fn pardon_leases(&mut self, until_ms: i64) {
-        self.pardoned_until_ms = self.pardoned_until_ms.max(until_ms);
-    }
-
-    /// An open trial.
-    pub fn open_trial(&self, number: u64) -> Option<&Trial> {
-        self.trials.get(TrialNumber(number))
-    }
-
-    /// The end of the next lease, in milliseconds of the caller's clock.
-    pub fn next_expiry_ms(&self) -> Option<i64> {
-        self.trials.next_expiry_ms()
     }
 
     // Predict and best.
@@ -386,6 +366,16 @@ impl Tuner {
     /// What is known of it.
     pub fn knowledge(&self) -> &Knowledge {
         &self.knowledge
+    }
+
+    /// Its clients, and the trials that they hold.
+    pub fn clients(&self) -> &Clients {
+        &self.clients
+    }
+
+    /// Its clients, for a caller that pardons leases or keeps an answer to itself.
+    pub fn clients_mut(&mut self) -> &mut Clients {
+        &mut self.clients
     }
 
     /// What is known of it, for a caller that computes the models' long updates apart.

@@ -44,7 +44,7 @@ impl Tuner {
             let measured = exploiting.measured_answer(normalised, here);
             predictors.request(predictor, &Query { rival: Some(&measured.configuration), ..query() })
         };
-        let first = || predictors.proposal(predictor, &query(), self.trials.last().0 + 1);
+        let first = || predictors.proposal(predictor, &query(), self.clients.trials.last().0 + 1);
         let rival_of = here.filter(|&here| !self.standings().is_settled(here));
         let mut request = PlanRequest { rival_of, ..PlanRequest::nothing(&self.spec) };
         let ends = |here: &StateId| wishes.is_spent(*here) && self.standings().is_to_be_confirmed(*here);
@@ -76,7 +76,7 @@ impl Tuner {
                 if begins
                     && transfer.warms_up_searches()
                     && transfer.untried_by_machines(here).is_none()
-                    && self.visits.affords(policy, ask, self.standings().default_runs(here))
+                    && self.clients.visits.affords(policy, ask, self.standings().default_runs(here))
                 {
                     request.evidence = Some((Some(here), transfer.evidence(here)));
                 }
@@ -155,9 +155,9 @@ impl Tuner {
                 None => policy.weigh_gain || wishes.draws(&ask.client_id, number, None),
             });
         }
-        let visit = self.visits.of(&ask.client_id);
+        let visit = self.clients.visits.of(&ask.client_id);
         let exploits = visit.is_none_or(|visit| matches!(visit.decision, VisitDecision::Exploit { .. }));
-        let held = here.and_then(|here| self.trials.of_client(&ask.client_id, here));
+        let held = here.and_then(|here| self.clients.trials.of_client(&ask.client_id, here));
         let holds =
             || held.is_some_and(|trial| !self.leaves_start(ask, trial) && self.still_fits(ask, trial, None));
         (!exploits && !holds()).then_some(true)
@@ -165,7 +165,7 @@ impl Tuner {
 
     /// Whether the client holds its start there, which is taken back before it is answered.
     fn takes_start_back(&self, ask: &Ask, here: StateId) -> bool {
-        let held = self.trials.of_client(&ask.client_id, here);
+        let held = self.clients.trials.of_client(&ask.client_id, here);
         held.is_some_and(|held| self.leaves_start(ask, held))
     }
 
@@ -183,7 +183,7 @@ impl Tuner {
             && !search.is_ready()
             && !is_spent(exploration, results, policy, room)
             && self.transfer().untried_by_machines(state).is_none();
-        if !goes_on || !self.visits.affords(policy, ask, self.standings().default_runs(state)) {
+        if !goes_on || !self.clients.visits.affords(policy, ask, self.standings().default_runs(state)) {
             return None;
         }
         // Where others work on the state too, some of them will ask before the next fit ends.

@@ -152,7 +152,7 @@ fn happen(tuner: &mut Tuner, rows: &mut Rows, event: &Event, now_ms: &mut i64) -
     // Reports concern any trial that was ever handed out, the latest ones above all.
     let pick = |rows: &Rows, tuner: &Tuner, which: usize| {
         let number = rows.trials.keys().nth_back(which.min(rows.trials.len().checked_sub(1)?))?;
-        Some(tuner.open_trial(*number).cloned().unwrap_or_else(|| rows.trial(tuner, *number)))
+        Some(tuner.clients.open_trial(*number).cloned().unwrap_or_else(|| rows.trial(tuner, *number)))
     };
     let (answer, change) = match event {
         Event::Suggest { client, place } => {

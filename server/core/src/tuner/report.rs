@@ -1,47 +1,18 @@
 //! The second half of a client's frame, and the other ends of a trial.
 
+use std::collections::BTreeMap;
+
 use crate::ids::{StateId, TrialNumber};
+use crate::objective::Objective;
 use crate::trial::{Outcome, Trial, TrialState};
 use crate::tuner::{Change, Tuner, TunerError};
 
 impl Tuner {
-    /// A trial with its result, which the caller has checked.
-    pub(super) fn completed(
-        &self,
-        trial: &Trial,
-        measurements: std::collections::BTreeMap<String, f64>,
-        outcome: Outcome,
-        now_ms: i64,
-    ) -> Result<Trial, TunerError> {
-        // A limit holds for full trials, and so does a cost.
-        let is_full = trial.decision.fidelity.is_none();
-        let beyond = match outcome {
-            Outcome::Ok if is_full => self.spec.objective.beyond(&measurements)?,
-            _ => None,
-        };
-        let outcome = beyond.map_or(outcome, Outcome::infeasible);
-        let cost = match &outcome {
-            Outcome::Ok => Some(self.spec.objective.cost(&measurements)?),
-            Outcome::Aborted { lower_bound } => Some(*lower_bound + 0.0),
-            Outcome::Infeasible { .. } | Outcome::Failed { .. } => None,
-        };
-        Ok(Trial {
-            late: trial.state == TrialState::Expired || now_ms > trial.lease_expire_ms,
-            state: TrialState::Completed,
-            measurements,
-            cost: cost.filter(|_| is_full),
-            outcome: Some(outcome),
-            complete_ms: Some(now_ms),
-            completion: Some(self.knowledge.last_completion + 1),
-            ..trial.clone()
-        })
-    }
-
     /// Takes a completed trial out of the open ones, learns it, and passes its result to its search.
     pub(super) fn take(&mut self, completed: &Trial) -> Change {
         let (state, number) = (StateId(completed.state_id), TrialNumber(completed.number));
         let (before, tried) = (self.searches.changes(state), self.knowledge.states.results(state).tried());
-        self.end(number);
+        self.clients.end(number);
         let is_few = self.searches.few().count().is_some();
         let learnt = self.knowledge.complete(&self.spec, is_few, completed);
         if learnt.has_changed {
@@ -60,7 +31,7 @@ impl Tuner {
         }
         self.racing().stand_beside_start(completed, tried);
         let mut change = Change { trials: vec![completed.clone()], ..Change::default() };
-        change.visits.extend(self.visits.settle(&self.spec, completed));
+        change.visits.extend(self.clients.visits.settle(&self.spec, completed));
         match completed.decision.fidelity {
             Some(_) => {
                 let pace = self.knowledge.speeds.pace_of(&self.spec.policy, &completed.client_id);
@@ -76,21 +47,42 @@ impl Tuner {
 
     /// Takes an open trial out unmeasured and gives its point back.
     pub(super) fn take_back(&mut self, number: TrialNumber, state: TrialState) -> Option<Trial> {
-        let mut trial = self.end(number)?;
+        let mut trial = self.clients.end(number)?;
         trial.state = state;
         self.racing().release(&trial, None);
         Some(trial)
     }
+}
 
-    /// Takes a trial out of the open ones.
-    fn end(&mut self, number: TrialNumber) -> Option<Trial> {
-        let trial = self.trials.remove(number)?;
-        self.visits.note_held(&trial.client_id, self.trials.held_by(&trial.client_id) > 0);
-        Some(trial)
-    }
-
-    /// Whether a record that is not open can be of this study.
-    pub(super) fn is_ours(&self, trial: &Trial) -> bool {
-        trial.number <= self.trials.last().0 && self.knowledge.states.contains(StateId(trial.state_id))
-    }
+/// A trial with its result, which the caller has checked.
+pub(super) fn completed(
+    objective: &Objective,
+    trial: &Trial,
+    measurements: BTreeMap<String, f64>,
+    outcome: Outcome,
+    completion: u64,
+    now_ms: i64,
+) -> Result<Trial, TunerError> {
+    // A limit holds for full trials, and so does a cost.
+    let is_full = trial.decision.fidelity.is_none();
+    let beyond = match outcome {
+        Outcome::Ok if is_full => objective.beyond(&measurements)?,
+        _ => None,
+    };
+    let outcome = beyond.map_or(outcome, Outcome::infeasible);
+    let cost = match &outcome {
+        Outcome::Ok => Some(objective.cost(&measurements)?),
+        Outcome::Aborted { lower_bound } => Some(*lower_bound + 0.0),
+        Outcome::Infeasible { .. } | Outcome::Failed { .. } => None,
+    };
+    Ok(Trial {
+        late: trial.state == TrialState::Expired || now_ms > trial.lease_expire_ms,
+        state: TrialState::Completed,
+        measurements,
+        cost: cost.filter(|_| is_full),
+        outcome: Some(outcome),
+        complete_ms: Some(now_ms),
+        completion: Some(completion),
+        ..trial.clone()
+    })
 }

@@ -49,7 +49,7 @@ impl Restoring {
             &tuner.knowledge.states,
             since,
         );
-        tuner.trials = OpenTrials::after(TrialNumber(snapshot.last_trial));
+        tuner.clients.trials = OpenTrials::after(TrialNumber(snapshot.last_trial));
         let mut restoring = Restoring { tuner, taught: None, models_begun: false, passed_over: None };
         for record in snapshot.states {
             restoring.restore_state(record)?;
@@ -187,7 +187,7 @@ impl Restoring {
     fn restore_visit(&mut self, visit: Visit) -> Result<(), RestoreError> {
         let what = || format!("the visit of client {:?}", visit.client_id);
         check_state(&self.tuner.knowledge.states, visit.state_id, what)?;
-        self.tuner.visits.begin(visit);
+        self.tuner.clients.visits.begin(visit);
         Ok(())
     }
 
@@ -203,19 +203,19 @@ impl Restoring {
         for trial in open {
             check_trial(&tuner, &trial)?;
             if trial.state == TrialState::Open {
-                tuner.visits.note_held(&trial.client_id, true);
-                tuner.trials.enter(trial);
+                tuner.clients.visits.note_held(&trial.client_id, true);
+                tuner.clients.trials.enter(trial);
             }
         }
         // A point whose trial is gone would never come back by itself.
         for exploration in tuner.searches.all_mut() {
-            let is_gone = |number: &&u64| tuner.trials.get(TrialNumber(**number)).is_none();
+            let is_gone = |number: &&u64| tuner.clients.trials.get(TrialNumber(**number)).is_none();
             let gone = exploration.open.keys().filter(is_gone);
             for number in gone.copied().collect::<Vec<_>>() {
                 exploration.release(number, None);
             }
             if let Some(race) = &mut exploration.confirming {
-                race.keep_open(|number| tuner.trials.get(TrialNumber(number)).is_some());
+                race.keep_open(|number| tuner.clients.trials.get(TrialNumber(number)).is_some());
             }
         }
         Ok(tuner)
@@ -255,7 +255,7 @@ impl Tuner {
     /// then to be restored from the changed trials.
     pub fn disown(&mut self, state_id: u64) -> Change {
         let own = StateId(state_id);
-        let (forgotten, visits) = self.visits.disown(own);
+        let (forgotten, visits) = self.clients.visits.disown(own);
         let mut change = Change { forgotten, visits, ..Change::default() };
         for state in self.knowledge.states.ids() {
             // The searches of other states began with what served best elsewhere.
@@ -274,8 +274,8 @@ impl Tuner {
 fn check_trial(tuner: &Tuner, trial: &Trial) -> Result<(), RestoreError> {
     let what = || format!("trial {}", trial.number);
     check_state(&tuner.knowledge.states, trial.state_id, what)?;
-    if trial.number == 0 || trial.number > tuner.trials.last().0 {
-        let last = tuner.trials.last();
+    if trial.number == 0 || trial.number > tuner.clients.trials.last().0 {
+        let last = tuner.clients.trials.last();
         return Err(inconsistent(format!("{} is not among the {last} handed out", what())));
     }
     Ok(())

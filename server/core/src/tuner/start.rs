@@ -34,12 +34,12 @@ impl Tuner {
     pub(super) fn start_first(&self, ask: &Ask, state: StateId) -> Option<Prediction> {
         let start = self.start_of(ask).filter(|start| self.standings().may_run_start(state, start))?;
         let results = self.knowledge.states.results(state);
-        let visit = self.visits.of(&ask.client_id);
+        let visit = self.clients.visits.of(&ask.client_id);
         let exploits = visit.is_some_and(|visit| matches!(visit.decision, VisitDecision::Exploit { .. }));
         let is_needed = !exploits || results.best().is_some();
         let may = self.spec.policy.operation == Operation::Tune
             && !self.wishes(&ask.session_policy).never_explores();
-        let is_known = results.ran(&start).is_some() || self.trials.runs(state, &start);
+        let is_known = results.ran(&start).is_some() || self.clients.trials.runs(state, &start);
         if !(is_needed && may) || is_known {
             return None;
         }

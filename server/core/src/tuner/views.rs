@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use crate::configuration::Configuration;
 use crate::session::SessionPolicy;
-use crate::trial::{Fingerprint, Trial};
+use crate::trial::Fingerprint;
 use crate::tuner::exploring::{Exploiting, Racing, Repeats, Standings, Transfer, Walk};
 use crate::tuner::knowledge::Knowledge;
 use crate::tuner::plan::Planned;
@@ -16,15 +16,10 @@ impl Tuner {
     pub fn statistics(&self) -> StudyCounts {
         StudyCounts {
             states: self.knowledge.states.len() as u64,
-            trials: self.trials.last().0,
+            trials: self.clients.trials.last().0,
             completed_trials: self.knowledge.completed,
-            open_trials: self.trials.len() as u64,
+            open_trials: self.clients.trials.len() as u64,
         }
-    }
-
-    /// The open trials, by rising number.
-    pub fn open_trials(&self) -> impl Iterator<Item = &Trial> {
-        self.trials.all()
     }
 
     /// The known state of a client's question; `None` where it is new, or the question is not valid.
@@ -33,7 +28,7 @@ impl Tuner {
     }
 
     pub(super) fn recognised<'a>(&self, ask: &'a Ask, normalised: Vec<f64>) -> Question<'a> {
-        let current = self.visits.state_of(&ask.client_id);
+        let current = self.clients.visits.state_of(&ask.client_id);
         let state = self.knowledge.states.recognise(current, ask.fingerprint.as_ref(), &normalised);
         Question { ask, normalised, state }
     }
@@ -70,7 +65,8 @@ impl Tuner {
     }
 
     pub(super) fn walk(&mut self) -> Walk<'_> {
-        let Tuner { spec, knowledge: Knowledge { states, models, .. }, searches, trials, .. } = self;
+        let Tuner { spec, knowledge: Knowledge { states, models, .. }, searches, clients } = self;
+        let trials = &clients.trials;
         Walk { spec, states, searches, trials, models }
     }
 
@@ -88,7 +84,8 @@ impl Tuner {
     }
 
     pub(super) fn transfer(&self) -> Transfer<'_> {
-        let Tuner { spec, knowledge: Knowledge { states, models, .. }, searches, trials, .. } = self;
+        let Tuner { spec, knowledge: Knowledge { states, models, .. }, searches, clients } = self;
+        let trials = &clients.trials;
         Transfer { spec, states, searches, trials, models, asking: None }
     }
 }

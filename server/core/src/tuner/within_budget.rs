@@ -33,7 +33,8 @@ impl Tuner {
         planned: &mut Planned,
     ) -> Prediction {
         let (policy, room) = (&self.spec.policy, self.wishes(&ask.session_policy).room());
-        let (Some(terms), Some(account)) = (Terms::of(policy), self.visits.account(&ask.client_id)) else {
+        let (Some(terms), Some(account)) = (Terms::of(policy), self.clients.visits.account(&ask.client_id))
+        else {
             let own = ask.session_policy.abort_above.or(policy.abort_above);
             let factor = own.or(ask.can_abort.then_some(ABORT_ABOVE_STOPPABLE));
             let pace = self.knowledge.speeds.pace_of(policy, &ask.client_id);
@@ -55,7 +56,7 @@ impl Tuner {
                 let is_charged =
                     explores || runs_dear_incumbent(self.knowledge.gain(&self.spec.policy), &explored, state);
                 // Enough for the worst.
-                if is_charged && let Some(account) = self.visits.account_mut(&ask.client_id) {
+                if is_charged && let Some(account) = self.clients.visits.account_mut(&ask.client_id) {
                     account.set_aside(number.0, leave.set_aside);
                 }
                 let budget = BudgetStatus {

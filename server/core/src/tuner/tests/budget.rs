@@ -100,9 +100,9 @@ fn a_trial_that_its_client_never_hears_of_is_not_charged() {
         finish(&mut tuner, &trial, Outcome::Ok);
     };
     let left = trial.reason().explanation.budget_left.expect("it has a budget");
-    let now_left = |tuner: &Tuner| tuner.visits.account("a").expect("it has a budget").left(0.1);
+    let now_left = |tuner: &Tuner| tuner.clients.visits.account("a").expect("it has a budget").left(0.1);
     assert!(now_left(&tuner) < left, "it is set aside");
-    tuner.forgo(&trial);
+    tuner.clients.forgo(&trial);
     let default = tuner.spec.space.default_configuration();
     let (instead, change) = tuner.suggest_chosen(&question, default, None, 0).expect("valid");
     assert!(change.trials.iter().any(|one| one.number == trial.number && one.state != TrialState::Open));
@@ -283,7 +283,7 @@ fn a_trial_that_is_handed_out_again_is_charged_again() {
     let mut tuner = tuner(policy);
     let question = Ask { can_abort: true, ..ask("a", 0.9, 0.5) };
     let left = |tuner: &Tuner| {
-        let account = tuner.visits.account("a").expect("there is a budget");
+        let account = tuner.clients.visits.account("a").expect("there is a budget");
         account.left(0.1)
     };
     // Eighty frames of the default elsewhere earn more than four runs.

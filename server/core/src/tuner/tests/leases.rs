@@ -58,7 +58,7 @@ fn points_of_abandoned_and_expired_trials_are_handed_out_again() {
         Err(TunerError::Abandoned(1))
     ));
 
-    assert_eq!(tuner.next_expiry_ms(), Some(60_000));
+    assert_eq!(tuner.clients.next_expiry_ms(), Some(60_000));
     assert!(tuner.expire(60_000).is_empty(), "the last millisecond still counts");
     let change = tuner.expire(60_001);
     assert_eq!(change.trials.len(), 1);
@@ -115,7 +115,7 @@ fn malformed_questions_and_reports_change_nothing() {
         (measured(1.0), Outcome::Failed { reason: long }),
         ((0..65).map(|i| (format!("m{i}"), 1.0)).collect(), infeasible()),
     ];
-    let before = tuner.open_trial(1).cloned();
+    let before = tuner.clients.open_trial(1).cloned();
     for (measurements, outcome) in bad {
         assert!(tuner.report(&trial, measurements, outcome, 1).is_err());
     }
@@ -123,7 +123,7 @@ fn malformed_questions_and_reports_change_nothing() {
         let errors = BTreeMap::from([(name.to_owned(), error)]);
         assert!(tuner.report_estimates(&trial, measured(1.0), errors, Outcome::Ok, 1).is_err());
     }
-    assert_eq!(tuner.open_trial(1).cloned(), before);
+    assert_eq!(tuner.clients.open_trial(1).cloned(), before);
     let stranger = Trial { number: 99, ..trial };
     assert_eq!(tuner.report(&stranger, measured(1.0), Outcome::Ok, 1), Err(TunerError::UnknownTrial(99)));
 }
@@ -284,14 +284,14 @@ fn leases_that_ended_while_nobody_was_there_do_not_count_as_lost() {
     let mut now_ms = 1_000;
     for client in ["a", "b", "c"] {
         let ends_ms = now_ms + 60_000;
-        tuner.pardon_leases(ends_ms);
-        tuner.pardon_leases(0);
+        tuner.clients.pardon_leases(ends_ms);
+        tuner.clients.pardon_leases(0);
         let (trial, change) = crash(&mut tuner, client, &mut now_ms);
         assert_eq!(change.trials[0].state, TrialState::Expired);
         assert_eq!(tuner.searches.lost(StateId(1), &trial.configuration), 0);
     }
     // One that ended later does.
-    tuner.pardon_leases(now_ms + 59_999);
+    tuner.clients.pardon_leases(now_ms + 59_999);
     let (first, _) = crash(&mut tuner, "a", &mut now_ms);
     assert_eq!(tuner.searches.lost(StateId(1), &first.configuration), 1);
 }

@@ -130,8 +130,8 @@ fn exploits(
 ) {
     let own = Exploitation { configuration, predicted_cost: None, source, rolled_back: false };
     let decision = own.kept(rule, Default::default());
-    let visit = tuner.visits.of(client).expect("it came").clone();
-    tuner.visits.begin(Visit { decision, ..visit });
+    let visit = tuner.clients.visits.of(client).expect("it came").clone();
+    tuner.clients.visits.begin(Visit { decision, ..visit });
 }
 
 /// The search alone: nothing is measured again to confirm its results or to find the speed of the machine.
