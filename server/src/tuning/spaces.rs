@@ -185,7 +185,8 @@ impl Live {
                 _ => return Ok(Err(SpaceError::outside(revision).into())),
             }
         }
-        let known_here = || self.cheapest_known(revision, self.tuner.state_of(&suggest.ask)?);
+        let known_here =
+            || self.cheapest_known(revision, self.tuner.question(&suggest.ask).ok()?.state()?.get());
         let fallback = self.fallback(revision, suggest.ask.start.as_ref()).or_else(known_here);
         if fallback.is_none() && suggest.wanted.is_none() {
             // Nothing has changed yet.

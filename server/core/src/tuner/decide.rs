@@ -7,16 +7,9 @@ use crate::session::SessionPolicy;
 use crate::tuner::plan::Planned;
 use crate::tuner::proposal::Exploitation;
 use crate::tuner::session::{Course, STAY_EXPLORES};
-use crate::tuner::{Ask, Prediction, Tuner, VisitDecision};
+use crate::tuner::{Ask, Prediction, Tuner, VisitDecision, checks};
 
 impl Tuner {
-    /// The pinned configuration, if the policy has one.
-    pub(super) fn pinned(&self) -> Option<Prediction> {
-        let configuration = self.spec.policy.pinned.clone()?;
-        let decision = Choice::Pinned.decided();
-        Some(Prediction { configuration, predicted_cost: None, decision, insight: None })
-    }
-
     /// The answer to every client in shadow operation: the default, or its start.
     pub(super) fn in_shadow(
         &self,
@@ -29,7 +22,8 @@ impl Tuner {
             return None;
         }
         let ground = self.wishes(&SessionPolicy::default()).ground();
-        let start = self.start_of(ask).filter(|start| self.standings().may_run_start(state, start));
+        let start = checks::start_of(&self.spec.space, ask)
+            .filter(|start| self.standings().may_run_start(state, start));
         let would = self.exploiting(planned).exploitation(start.as_ref(), normalised, Some(state), ground);
         let configuration = start.unwrap_or_else(|| self.spec.space.default_configuration());
         let predicted_cost = self.knowledge.states.cost_of(state, &configuration);
@@ -76,7 +70,8 @@ impl Tuner {
                 may_end && wishes.never_explores() || policy.weigh_gain && is_weighed_again
             }
             VisitDecision::Exploit { configuration, exploit, .. } => {
-                let (doubled, start) = (stay > 1 && stay.is_power_of_two(), self.start_of(ask));
+                let (doubled, start) =
+                    (stay > 1 && stay.is_power_of_two(), checks::start_of(&self.spec.space, ask));
                 // A search that is over may still have to be confirmed by those who stay.
                 let stays = || stay as f64 * wishes.epsilon(Some(state)) >= STAY_EXPLORES;
                 let by_dice = matches!(exploit.rule, ExploitRule::Dice | ExploitRule::RolledBack)
@@ -126,7 +121,7 @@ impl Tuner {
         planned: &Planned,
     ) -> VisitDecision {
         let wishes = self.wishes(&ask.session_policy);
-        let (ground, start) = (wishes.ground(), self.start_of(ask));
+        let (ground, start) = (wishes.ground(), checks::start_of(&self.spec.space, ask));
         let exploiting = self.exploiting(planned);
         let exploit = || exploiting.exploitation(start.as_ref(), normalised, Some(state), ground);
         let fails = |would: &Exploitation| self.knowledge.states.results(state).fails(&would.configuration);

@@ -8,7 +8,7 @@ use crate::trial::Trial;
 use crate::tuner::exploring::{NextPoint, Transfer, drawn, unseen};
 use crate::tuner::plan::Planned;
 use crate::tuner::proposal::{Exploitation, ProposedTrial};
-use crate::tuner::{Ask, Tuner};
+use crate::tuner::{Ask, Tuner, checks};
 
 /// The result of exploring.
 pub(super) enum Explored {
@@ -98,7 +98,8 @@ impl Tuner {
         let exploiting = self.exploiting(planned);
         let best = exploiting.best_known(state, None);
         let instead = best.unwrap_or_else(|| exploiting.measured_answer(normalised, Some(state)));
-        let instead = exploiting.beside_start(instead, self.start_of(ask).as_ref(), Some(state));
+        let instead =
+            exploiting.beside_start(instead, checks::start_of(&self.spec.space, ask).as_ref(), Some(state));
         Explored::Nothing { instead, rule }
     }
 

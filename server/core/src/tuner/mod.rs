@@ -6,7 +6,7 @@
 //! search and the model.
 //!
 //! The machine is pure. Its answers depend only on the rows of the [`Change`]s that it returned: a
-//! [restored](Tuner::restore) tuner gives the next answers of one that never stopped, byte for byte.
+//! [restored](Restoring) tuner gives the next answers of one that never stopped, byte for byte.
 //!
 //! [`Tuner`] joins the parts of three rooms, which keep their own invariants. [`Knowledge`] holds the
 //! `states` (recognition, and the table of each state), their `history` and `assessment`s, the `speeds` of
@@ -97,6 +97,19 @@ pub struct Question<'a> {
     state: Option<StateId>,
 }
 
+impl<'a> Question<'a> {
+    fn recognised(ask: &'a Ask, normalised: Vec<f64>, knowledge: &Knowledge, clients: &Clients) -> Self {
+        let current = clients.visits.state_of(&ask.client_id);
+        let state = knowledge.states.recognise(current, ask.fingerprint.as_ref(), &normalised);
+        Question { ask, normalised, state }
+    }
+
+    /// The known state; `None` where it is new.
+    pub fn state(&self) -> Option<StateId> {
+        self.state
+    }
+}
+
 impl Tuner {
     /// A tuner without any trial.
     pub fn new(spec: Arc<StudySpec>) -> Result<Self, StudyError> {
@@ -116,8 +129,9 @@ impl Tuner {
         checks::client_id(&ask.client_id)?;
         checks::origin(ask.origin.as_deref())?;
         checks::fingerprint(ask.fingerprint.as_ref())?;
-        self.checked_start(ask.start.as_ref())?;
-        Ok(self.recognised(ask, self.spec.indicators.normalise(&ask.indicators)?))
+        checks::start(&self.spec.space, ask.start.as_ref())?;
+        let normalised = self.spec.indicators.normalise(&ask.indicators)?;
+        Ok(Question::recognised(ask, normalised, &self.knowledge, &self.clients))
     }
 
     /// Hands out a trial under a lease, and returns the change to store before the client receives it.
@@ -128,7 +142,7 @@ impl Tuner {
     /// second run. `now_ms` is the caller's clock.
     pub fn suggest(&mut self, ask: &Ask, now_ms: i64) -> Result<(Trial, Change), TunerError> {
         let question = self.question(ask)?;
-        self.answer(question, self.pinned(), Planned::AtOnce, now_ms)
+        self.answer(question, Prediction::pinned(&self.spec.policy), Planned::AtOnce, now_ms)
     }
 
     /// [`Tuner::suggest`] in microseconds. A question without a plan may [need](Tuner::plan) one first, and
@@ -142,7 +156,9 @@ impl Tuner {
         now_ms: i64,
     ) -> Result<DecisionStep<(Trial, Change)>, TunerError> {
         let question = match plan.as_ref().and_then(SuggestionPlan::normalised) {
-            Some(normalised) => self.recognised(ask, normalised.to_vec()),
+            Some(normalised) => {
+                Question::recognised(ask, normalised.to_vec(), &self.knowledge, &self.clients)
+            }
             None => self.question(ask)?,
         };
         if plan.is_none()
@@ -151,7 +167,7 @@ impl Tuner {
             return Ok(DecisionStep::Need(Box::new(request)));
         }
         let planned = Planned::Ahead(Box::new(plan.unwrap_or_default()));
-        self.answer(question, self.pinned(), planned, now_ms).map(DecisionStep::Done)
+        self.answer(question, Prediction::pinned(&self.spec.policy), planned, now_ms).map(DecisionStep::Done)
     }
 
     /// Hands out a trial of a configuration that the client wants to measure, as if the policy pinned it for
@@ -281,9 +297,14 @@ impl Tuner {
         let mut states = BTreeSet::new();
         for number in self.clients.trials.due(now_ms) {
             let Some(trial) = self.clients.trials.get(number) else { continue };
-            let (state, was_alive) = (StateId(trial.state_id), trial.decision.heartbeat);
-            let (before, is_pardoned) = (self.searches.changes(state), self.clients.is_pardoned(trial));
-            let lost_leases = if is_pardoned { 0 } else { self.note_lost(number, was_alive) };
+            let state = StateId(trial.state_id);
+            let before = self.searches.changes(state);
+            let (results, default) = (self.knowledge.states.results(state), self.spec.space.default_ref());
+            let was_alive = trial.decision.heartbeat;
+            let lost_leases = match self.clients.is_pardoned(trial) {
+                true => 0,
+                false => self.searches.note_lost_lease(trial, results, default, was_alive),
+            };
             let lost = self.end_lost(number, lost_leases, now_ms);
             change.trials.extend(lost.trials);
             change.visits.extend(lost.visits);
@@ -322,7 +343,7 @@ impl Tuner {
         }
         let mut planned = Planned::Ahead(Box::new(plan.unwrap_or_default()));
         planned.keep_in(&mut self.knowledge.assessments);
-        let start = self.checked_start(start)?;
+        let start = checks::start(&self.spec.space, start)?;
         self.prediction(indicators, fingerprint, start.as_ref(), &planned).map(DecisionStep::Done)
     }
 
@@ -355,7 +376,7 @@ impl Tuner {
         }
         let mut planned = Planned::Ahead(Box::new(plan.unwrap_or_default()));
         planned.keep_in(&mut self.knowledge.assessments);
-        let start = self.checked_start(start)?;
+        let start = checks::start(&self.spec.space, start)?;
         let state = self.knowledge.best_state(&self.spec.indicators, indicators, fingerprint)?;
         let best = state.and_then(|state| self.standings().best(state, start.as_ref(), &planned));
         Ok(DecisionStep::Done(best))

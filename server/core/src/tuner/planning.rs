@@ -17,7 +17,7 @@ use crate::tuner::exploring::{Exploiting, Transfer, is_spent};
 use crate::tuner::knowledge::States;
 use crate::tuner::plan::{PlanRequest, Planned};
 use crate::tuner::proposal::Ground;
-use crate::tuner::{Ask, Question, Tuner, VisitDecision};
+use crate::tuner::{Ask, Question, Tuner, VisitDecision, checks};
 
 impl Tuner {
     /// The computation that a question needs to be answered quickly; `None` where it needs none. `may_plan`
@@ -54,8 +54,9 @@ impl Tuner {
             state_that_answers(&self.knowledge.states, &query(), here)
         };
         request.assessment = answers.and_then(|state| self.standings().assessment_to_plan(state, None));
-        request.beside_start =
-            self.standings().start_to_plan(self.start_of(ask), answers.filter(|_| answers == here));
+        request.beside_start = self
+            .standings()
+            .start_to_plan(checks::start_of(&self.spec.space, ask), answers.filter(|_| answers == here));
         let tunes = policy.operation == Operation::Tune;
         // The plan may show whether there is anything to exploit.
         let is_unsure = !explores
@@ -118,7 +119,7 @@ impl Tuner {
         let answer = asks.then(|| predictors.request(self.spec.policy.predictor, &query)).flatten();
         let answers = state_that_answers(&self.knowledge.states, &query, here);
         let assessment = answers.and_then(|state| self.standings().assessment_to_plan(state, None));
-        let start = self.checked_start(start).ok()?;
+        let start = checks::start(&self.spec.space, start).ok()?;
         let beside_start = self.standings().start_to_plan(start, answers.filter(|_| answers == here));
         let rival_of = here.filter(|&here| !self.standings().is_settled(here));
         let nothing = PlanRequest::nothing(&self.spec);
@@ -136,7 +137,8 @@ impl Tuner {
     ) -> Option<PlanRequest> {
         let state = self.knowledge.best_state(&self.spec.indicators, indicators, fingerprint).ok()??;
         let assessment = self.standings().assessment_to_plan(state, None);
-        let beside_start = self.standings().start_to_plan(self.checked_start(start).ok()?, Some(state));
+        let beside_start =
+            self.standings().start_to_plan(checks::start(&self.spec.space, start).ok()?, Some(state));
         let request = PlanRequest { assessment, beside_start, ..PlanRequest::nothing(&self.spec) };
         (!request.is_empty()).then_some(request)
     }
@@ -158,15 +160,18 @@ impl Tuner {
         let visit = self.clients.visits.of(&ask.client_id);
         let exploits = visit.is_none_or(|visit| matches!(visit.decision, VisitDecision::Exploit { .. }));
         let held = here.and_then(|here| self.clients.trials.of_client(&ask.client_id, here));
-        let holds =
-            || held.is_some_and(|trial| !self.leaves_start(ask, trial) && self.still_fits(ask, trial, None));
+        let holds = || {
+            held.is_some_and(|trial| {
+                !self.searches.leaves_start(ask, trial) && self.still_fits(ask, trial, None)
+            })
+        };
         (!exploits && !holds()).then_some(true)
     }
 
     /// Whether the client holds its start there, which is taken back before it is answered.
     fn takes_start_back(&self, ask: &Ask, here: StateId) -> bool {
         let held = self.clients.trials.of_client(&ask.client_id, here);
-        held.is_some_and(|held| self.leaves_start(ask, held))
+        held.is_some_and(|held| self.searches.leaves_start(ask, held))
     }
 
     /// A copy of the state's search, if its next point takes a fit and will be asked for, and the number of

@@ -340,7 +340,7 @@ fn rows_that_contradict_each_other_are_refused() {
     let snapshot =
         |last_trial| Snapshot { states: change.states.clone(), visits: vec![], last_trial, models_since: 0 };
     let restore = |snapshot, trial: &Trial| {
-        Tuner::restore(tuner.spec().clone(), snapshot, [trial.clone()]).map(|tuner| tuner.statistics())
+        Restoring::of_all(tuner.spec().clone(), snapshot, [trial.clone()]).map(|tuner| tuner.statistics())
     };
     assert_eq!(restore(snapshot(1), &trial).map(|counts| counts.open_trials), Ok(1));
     assert!(restore(snapshot(0), &trial).is_err(), "a trial beyond the last");

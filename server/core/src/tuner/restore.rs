@@ -66,6 +66,32 @@ impl Restoring {
         Ok(restoring)
     }
 
+    /// Rebuilds a tuner from all its trials at once. `trials` holds the open ones in any place and the
+    /// completed ones by rising `completion`; others are ignored. All configurations were made by
+    /// `spec.space`.
+    pub fn of_all(
+        spec: Arc<StudySpec>,
+        snapshot: Snapshot,
+        trials: impl IntoIterator<Item = Trial>,
+    ) -> Result<Tuner, RestoreError> {
+        let mut restoring = Restoring::new(spec, snapshot, None)?;
+        let (mut open, mut completed) = (Vec::new(), Vec::new());
+        for trial in trials {
+            match trial.state {
+                TrialState::Open => open.push(trial),
+                TrialState::Completed => completed.push(trial),
+                TrialState::Abandoned | TrialState::Expired => {}
+            }
+        }
+        loop {
+            let after = restoring.after();
+            let next = completed.partition_point(|trial| trial.completion.is_some_and(|at| at <= after));
+            let Some(trial) = completed.get(next) else { break };
+            restoring.learn(trial)?;
+        }
+        restoring.finish(open)
+    }
+
     /// Why the checkpoint is of no use, if it is not.
     pub fn passed_over(&self) -> Option<&str> {
         self.passed_over.as_deref()
@@ -223,32 +249,6 @@ impl Restoring {
 }
 
 impl Tuner {
-    /// Rebuilds a tuner from all its trials at once. `trials` holds the open ones in any place and the
-    /// completed ones by rising `completion`; others are ignored. All configurations were made by
-    /// `spec.space`.
-    pub fn restore(
-        spec: Arc<StudySpec>,
-        snapshot: Snapshot,
-        trials: impl IntoIterator<Item = Trial>,
-    ) -> Result<Self, RestoreError> {
-        let mut restoring = Restoring::new(spec, snapshot, None)?;
-        let (mut open, mut completed) = (Vec::new(), Vec::new());
-        for trial in trials {
-            match trial.state {
-                TrialState::Open => open.push(trial),
-                TrialState::Completed => completed.push(trial),
-                TrialState::Abandoned | TrialState::Expired => {}
-            }
-        }
-        loop {
-            let after = restoring.after();
-            let next = completed.partition_point(|trial| trial.completion.is_some_and(|at| at <= after));
-            let Some(trial) = completed.get(next) else { break };
-            restoring.learn(trial)?;
-        }
-        restoring.finish(open)
-    }
-
     /// Drops all that rests on a completed trial of a state and is not learnt again from the completed
     /// trials. The trial is excluded from now on, or counts again. Searches, the race of the state, the
     /// clients' exploited configurations there and the references of their budgets are dropped. The tuner is

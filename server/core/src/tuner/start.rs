@@ -6,33 +6,18 @@
 //! the measurements of the state show to be better than its start, which takes the place of the study's
 //! default and of the incumbent. Where nothing is known, its answer is its start.
 
-use crate::configuration::{Configuration, RawConfiguration};
 use crate::decision::{BudgetStatus, Choice, ExplorationEstimate, Explore, ExploreRule, ExploredPoint};
 use crate::ids::StateId;
 use crate::policy::Operation;
-use crate::tuner::{Ask, Prediction, Tuner, TunerError, VisitDecision};
+use crate::tuner::{Ask, Prediction, Tuner, VisitDecision, checks};
 
 impl Tuner {
-    /// Checks a start; `None` for the study's default.
-    pub(super) fn checked_start(
-        &self,
-        start: Option<&RawConfiguration>,
-    ) -> Result<Option<Configuration>, TunerError> {
-        let Some(start) = start else { return Ok(None) };
-        let start = self.spec.space.configuration(start.clone()).map_err(TunerError::Start)?;
-        Ok((start != *self.spec.space.default_ref()).then_some(start))
-    }
-
-    /// The start of a client whose question was checked.
-    pub(super) fn start_of(&self, ask: &Ask) -> Option<Configuration> {
-        self.checked_start(ask.start.as_ref()).ok().flatten()
-    }
-
     /// The trial of a client's start, where that has to be compared with what else ran in the state, or where
     /// the client explores. Nobody measures it twice, or again where it failed or was lost too often. A
     /// session that never explores measures nothing for that.
     pub(super) fn start_first(&self, ask: &Ask, state: StateId) -> Option<Prediction> {
-        let start = self.start_of(ask).filter(|start| self.standings().may_run_start(state, start))?;
+        let start = checks::start_of(&self.spec.space, ask)
+            .filter(|start| self.standings().may_run_start(state, start))?;
         let results = self.knowledge.states.results(state);
         let visit = self.clients.visits.of(&ask.client_id);
         let exploits = visit.is_some_and(|visit| matches!(visit.decision, VisitDecision::Exploit { .. }));

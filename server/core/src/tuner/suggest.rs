@@ -7,7 +7,7 @@ use crate::policy::Operation;
 use crate::trial::{Mode, Rule, Trial, TrialState};
 use crate::tuner::plan::Planned;
 use crate::tuner::proposal::Ground;
-use crate::tuner::{Ask, Change, Prediction, Question, Tuner, TunerError, VisitDecision};
+use crate::tuner::{Ask, Change, Prediction, Question, Tuner, TunerError, VisitDecision, checks};
 
 impl Tuner {
     /// Answers a question: with the `wanted` configuration where there is one, else by the policy.
@@ -25,7 +25,10 @@ impl Tuner {
         }
         self.clients.check_room(&ask.client_id, found)?;
         // From here on nothing fails.
-        let state = found.unwrap_or_else(|| self.found(normalised.clone(), ask.fingerprint.as_ref()));
+        let state = found.unwrap_or_else(|| {
+            self.searches.found(None);
+            self.knowledge.found(normalised.clone(), ask.fingerprint.as_ref())
+        });
         let mut change = Change::default();
         let changes_before = self.searches.changes(state);
         if let Some(lost) = self.lose_to_restart(ask, state, now_ms) {
@@ -133,7 +136,7 @@ impl Tuner {
             _ => (ExploreRule::Dice, ExplorationEstimate::default()),
         };
         if self.spec.policy.operation == Operation::Freeze {
-            let (start, ground) = (self.start_of(ask), Ground::Measured);
+            let (start, ground) = (checks::start_of(&self.spec.space, ask), Ground::Measured);
             let known =
                 self.exploiting(planned).exploitation(start.as_ref(), normalised, Some(state), ground);
             return known.by(ExploitRule::Frozen, ExplorationEstimate::default(), BudgetStatus::default());
@@ -147,17 +150,5 @@ impl Tuner {
             prediction.decision.fidelity = Some(level);
         }
         prediction
-    }
-
-    /// Founds a state of a machine with these indicators as its anchor.
-    pub(super) fn found(
-        &mut self,
-        anchor: Vec<f64>,
-        fingerprint: Option<&crate::trial::Fingerprint>,
-    ) -> StateId {
-        self.searches.found(None);
-        let state = self.knowledge.found(anchor, fingerprint);
-        assert!(self.searches.record(state).is_none(), "nothing was begun");
-        state
     }
 }

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 use crate::configuration::{Configuration, RawConfiguration};
-use crate::decision::{Decision, Exploit, ExplorationEstimate, ExploreRule};
+use crate::decision::{Choice, Decision, Exploit, ExplorationEstimate, ExploreRule};
 use crate::indicator::IndicatorError;
 use crate::limits::{
     CLIENT_ID_CHARACTERS_MAX, CLIENTS_MAX, FINGERPRINT_SOFTWARE_MAX, FINGERPRINT_TEXT_CHARACTERS_MAX,
@@ -16,6 +16,7 @@ use crate::limits::{
     STATES_MAX,
 };
 use crate::objective::ObjectiveError;
+use crate::policy::Policy;
 use crate::session::SessionPolicy;
 use crate::space::{EarlierSpaces, Space, SpaceError};
 use crate::standing::Standing;
@@ -56,6 +57,12 @@ impl Ask {
             true => Cow::Borrowed(self),
             false => Cow::Owned(Ask { session_policy, ..self.clone() }),
         }
+    }
+
+    /// Whether the client was restarted since it received the trial that it holds.
+    pub(crate) fn is_restarted_since(&self, held: &Trial) -> bool {
+        let session = held.decision.session;
+        session != self.session && session != 0 && self.session != 0
     }
 }
 
@@ -239,6 +246,12 @@ pub struct Prediction {
 }
 
 impl Prediction {
+    /// The pinned configuration, if the policy has one.
+    pub(crate) fn pinned(policy: &Policy) -> Option<Prediction> {
+        let (configuration, decision) = (policy.pinned.clone()?, Choice::Pinned.decided());
+        Some(Prediction { configuration, predicted_cost: None, decision, insight: None })
+    }
+
     /// `Default` when nothing is known, `Pinned` when pinned, else `Exploit`.
     pub fn mode(&self) -> Mode {
         self.decision.mode()

@@ -9,7 +9,7 @@ use crate::tuner::exploring::{Exploiting, Racing, Repeats, Standings, Transfer, 
 use crate::tuner::knowledge::Knowledge;
 use crate::tuner::plan::Planned;
 use crate::tuner::session::Wishes;
-use crate::tuner::{Ask, Prediction, Question, StudyCounts, Tuner, TunerError, checks};
+use crate::tuner::{Prediction, StudyCounts, Tuner, TunerError, checks};
 
 impl Tuner {
     /// Counts.
@@ -20,17 +20,6 @@ impl Tuner {
             completed_trials: self.knowledge.completed,
             open_trials: self.clients.trials.len() as u64,
         }
-    }
-
-    /// The known state of a client's question; `None` where it is new, or the question is not valid.
-    pub fn state_of(&self, ask: &Ask) -> Option<u64> {
-        Some(self.question(ask).ok()?.state?.get())
-    }
-
-    pub(super) fn recognised<'a>(&self, ask: &'a Ask, normalised: Vec<f64>) -> Question<'a> {
-        let current = self.clients.visits.state_of(&ask.client_id);
-        let state = self.knowledge.states.recognise(current, ask.fingerprint.as_ref(), &normalised);
-        Question { ask, normalised, state }
     }
 
     pub(super) fn prediction(
@@ -45,7 +34,7 @@ impl Tuner {
         let here = self.knowledge.recognise_for(fingerprint, &normalised);
         let ground = self.wishes(&SessionPolicy::default()).ground();
         let exploit = || self.exploiting(planned).exploitation(start, &normalised, here, ground).asked();
-        let prediction = self.pinned().unwrap_or_else(exploit);
+        let prediction = Prediction::pinned(&self.spec.policy).unwrap_or_else(exploit);
         Ok(Prediction { insight: here.map(|here| self.insight(here, start, planned)), ..prediction })
     }
 

@@ -16,7 +16,7 @@ use crate::tuner::explore::Explored;
 use crate::tuner::knowledge::GainEvidence;
 use crate::tuner::plan::Planned;
 use crate::tuner::proposal::Exploitation;
-use crate::tuner::{Ask, Prediction, Tuner};
+use crate::tuner::{Ask, Prediction, Tuner, checks};
 
 /// Why a client explores, and the estimate of that decision.
 pub(super) type ExploreBasis = (ExploreRule, ExplorationEstimate);
@@ -96,7 +96,8 @@ impl Tuner {
     /// start, once in each stay, as a reference for the cost of exploring, then the best measured there.
     /// `None` where there is neither.
     fn baseline(&self, ask: &Ask, denied: Denied, state: StateId, planned: &Planned) -> Option<Exploitation> {
-        let start = self.start_of(ask).filter(|start| self.standings().may_run_start(state, start));
+        let start = checks::start_of(&self.spec.space, ask)
+            .filter(|start| self.standings().may_run_start(state, start));
         if matches!(denied, Denied::NoReference) && (start.is_some() || self.standings().default_runs(state))
         {
             let configuration = start.unwrap_or_else(|| self.spec.space.default_configuration());

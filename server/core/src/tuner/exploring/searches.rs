@@ -5,13 +5,15 @@
 
 use crate::configuration::Configuration;
 use crate::ids::StateId;
+use crate::limits::LEASES_LOST_MAX;
 use crate::policy::Policy;
-use crate::results::ResultTable;
+use crate::results::{ResultTable, runs_start};
 use crate::search::{AnySearch, hears_others};
 use crate::space::Space;
-use crate::tuner::Exploration;
+use crate::trial::Trial;
 use crate::tuner::exploring::few::{self, FewConfigurations};
 use crate::tuner::knowledge::{Stored, place};
+use crate::tuner::{Ask, Exploration};
 
 /// The search of each state, in the order of their ids.
 #[derive(Clone, Debug)]
@@ -97,19 +99,40 @@ impl Searches {
         self.count_lost(state, configuration, false)
     }
 
-    /// Notes a lost lease of a client's start.
-    pub(crate) fn note_lost_start(&mut self, state: StateId, start: &Configuration) {
-        self.count_lost(state, start, true);
+    /// Counts a lost lease of an open trial's configuration, and returns their number in the state, whose
+    /// `results` these are. It is 0 for the default, for the client's own one, for a measured configuration,
+    /// and where the client's silence says nothing: it never showed that it lives, and no session before was
+    /// silent. Those of a start that is to be measured are counted by themselves.
+    pub(crate) fn note_lost_lease(
+        &mut self,
+        trial: &Trial,
+        results: &ResultTable,
+        default: &Configuration,
+        was_alive: bool,
+    ) -> u32 {
+        let (state, configuration) = (StateId(trial.state_id), &trial.configuration);
+        let was_measured = results.record(configuration).is_some_and(|record| record.measurements > 0);
+        let is_default = configuration == default || runs_start(trial, default);
+        if trial.decision.measures_start() && !was_measured {
+            self.count_lost(state, configuration, true);
+        }
+        if was_measured || is_default {
+            return 0;
+        }
+        let session = trial.decision.session;
+        let counts = was_alive || session != 0 && self.note_silence(state, configuration, session);
+        if counts { self.note_lost(state, configuration) } else { 0 }
+    }
+
+    /// Whether a restarted client does not get its start again that it was to measure: it was lost too often.
+    pub(crate) fn leaves_start(&self, ask: &Ask, held: &Trial) -> bool {
+        let lost = self.lost_starts(StateId(held.state_id), &held.configuration);
+        ask.is_restarted_since(held) && held.decision.measures_start() && lost + 1 >= LEASES_LOST_MAX
     }
 
     /// Notes a session that lost a lease of a configuration without having shown that it lives. Whether
     /// another one had before.
-    pub(crate) fn note_silence(
-        &mut self,
-        state: StateId,
-        configuration: &Configuration,
-        session: u64,
-    ) -> bool {
+    fn note_silence(&mut self, state: StateId, configuration: &Configuration, session: u64) -> bool {
         let own = &mut self.of_states[place(state)];
         own.changes += 1;
         own.exploration.get_or_insert_with(Exploration::unbegun).note_silence(configuration, session)

@@ -44,7 +44,7 @@ proptest! {
         marked[at].exclusion = Some("the machine was disturbed".to_owned());
         without.remove(at);
         let [mut excluded, mut never] = [marked, without].map(|trials| {
-            Tuner::restore(tuner.spec().clone(), rows.snapshot(&tuner), trials).expect("consistent")
+            Restoring::of_all(tuner.spec().clone(), rows.snapshot(&tuner), trials).expect("consistent")
         });
         let saved = |tuner: &Tuner| tuner.knowledge.learnt(tuner.spec()).checkpoint();
         prop_assert_eq!(saved(&excluded), saved(&never));
