@@ -25,7 +25,6 @@
 pub mod budget;
 mod checks;
 mod clients;
-mod decide;
 mod explore;
 mod exploring;
 mod insight;
@@ -38,8 +37,6 @@ mod proposal;
 mod recorded;
 mod report;
 mod restore;
-mod session;
-mod start;
 mod suggest;
 mod types;
 mod views;

@@ -17,7 +17,7 @@ use crate::tuner::exploring::{Exploiting, Transfer, is_spent};
 use crate::tuner::knowledge::States;
 use crate::tuner::plan::{PlanRequest, Planned};
 use crate::tuner::proposal::Ground;
-use crate::tuner::{Ask, Question, Tuner, VisitDecision, checks};
+use crate::tuner::{Ask, Question, Tuner, checks};
 
 impl Tuner {
     /// The computation that a question needs to be answered quickly; `None` where it needs none. `may_plan`
@@ -28,13 +28,13 @@ impl Tuner {
         if policy.pinned.is_some() {
             return None;
         }
-        let explores = self.foretold(ask, here)?;
+        let wishes = self.wishes(&ask.session_policy);
+        let explores = wishes.foretold(ask, here, &self.clients)?;
         let (machines, machine) = machines_of(&self.knowledge.states.machines, ask.fingerprint.as_ref());
         let transfer = Transfer { asking: Some((&machines, machine)), ..self.transfer() };
         let query = || transfer.query(normalised, here);
         let (predictor, predictors) = (policy.predictor, &self.knowledge.models.predictors);
-        let wishes = self.wishes(&ask.session_policy);
-        let ground = wishes.ground();
+        let ground = Ground::of(policy, &ask.session_policy);
         let answer = || {
             if ground == Ground::Measured || !transfer.needs_predictor(here) {
                 return None;
@@ -69,7 +69,10 @@ impl Tuner {
         match here.filter(|_| explores || is_unsure) {
             Some(here) if tunes => {
                 request.search = self.search_to_plan(ask, here).filter(|(state, ..)| may_plan(*state));
-                let may_propose = self.takes_start_back(ask, here) || transfer.is_untouched(here);
+                // A start that the client leaves is taken back before it is answered.
+                let held = self.clients.trials.of_client(&ask.client_id, here);
+                let is_left = held.is_some_and(|held| self.searches.leaves_start(ask, held));
+                let may_propose = is_left || transfer.is_untouched(here);
                 if may_propose && !transfer.begins_with_portfolio(normalised, Some(here)) {
                     request.first = first();
                 }
@@ -112,7 +115,7 @@ impl Tuner {
         let measured = self.exploiting(&Planned::Ahead(Box::default())).measured_answer(&normalised, here);
         let query = self.knowledge.states.query(&self.spec.space, &normalised, here);
         let query = Query { rival: Some(&measured.configuration), ..query };
-        let predicts = self.wishes(&SessionPolicy::default()).ground() == Ground::Predicted;
+        let predicts = Ground::of(&self.spec.policy, &SessionPolicy::default()) == Ground::Predicted;
         let asks = predicts && self.transfer().needs_predictor(here);
         let predictors = &self.knowledge.models.predictors;
         let portfolio = self.transfer().evidence_elsewhere(&normalised, here);
@@ -141,37 +144,6 @@ impl Tuner {
             self.standings().start_to_plan(checks::start(&self.spec.space, start).ok()?, Some(state));
         let request = PlanRequest { assessment, beside_start, ..PlanRequest::nothing(&self.spec) };
         (!request.is_empty()).then_some(request)
-    }
-
-    /// Whether a question will explore, as far as is known before it is answered. `None` where the last
-    /// decision holds and its answer is at hand: the client exploits, or gets the trial that it holds again.
-    fn foretold(&self, ask: &Ask, here: Option<StateId>) -> Option<bool> {
-        let policy = &self.spec.policy;
-        if policy.operation == Operation::Shadow {
-            return Some(false);
-        }
-        if let Some(number) = self.decides(ask, here) {
-            let wishes = self.wishes(&ask.session_policy);
-            return Some(match here {
-                Some(here) => wishes.explores(&ask.client_id, number, here),
-                None => policy.weigh_gain || wishes.draws(&ask.client_id, number, None),
-            });
-        }
-        let visit = self.clients.visits.of(&ask.client_id);
-        let exploits = visit.is_none_or(|visit| matches!(visit.decision, VisitDecision::Exploit { .. }));
-        let held = here.and_then(|here| self.clients.trials.of_client(&ask.client_id, here));
-        let holds = || {
-            held.is_some_and(|trial| {
-                !self.searches.leaves_start(ask, trial) && self.still_fits(ask, trial, None)
-            })
-        };
-        (!exploits && !holds()).then_some(true)
-    }
-
-    /// Whether the client holds its start there, which is taken back before it is answered.
-    fn takes_start_back(&self, ask: &Ask, here: StateId) -> bool {
-        let held = self.clients.trials.of_client(&ask.client_id, here);
-        held.is_some_and(|held| self.searches.leaves_start(ask, held))
     }
 
     /// A copy of the state's search, if its next point takes a fit and will be asked for, and the number of

@@ -4,6 +4,8 @@ use crate::configuration::Configuration;
 use crate::decision::{
     BudgetStatus, Choice, Exploit, ExploitRule, ExploitSource, ExplorationEstimate, ExploredPoint,
 };
+use crate::policy::{Operation, Policy};
+use crate::session::SessionPolicy;
 use crate::tuner::{Prediction, VisitDecision};
 
 /// The grounds that an answer may rest on.
@@ -13,6 +15,17 @@ pub(super) enum Ground {
     Measured,
     /// A prediction as well, where it is worth its risk.
     Predicted,
+}
+
+impl Ground {
+    /// The ground of the answers to a session.
+    pub(super) fn of(policy: &Policy, session: &SessionPolicy) -> Self {
+        let never_explores = session.epsilon.unwrap_or(policy.epsilon) == 0.0;
+        match policy.operation == Operation::Freeze || never_explores {
+            true => Ground::Measured,
+            false => Ground::Predicted,
+        }
+    }
 }
 
 /// A configuration to measure, and why.

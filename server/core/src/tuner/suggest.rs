@@ -4,7 +4,7 @@ use crate::decision::{BudgetStatus, Choice, Decision, ExploitRule, ExplorationEs
 use crate::ids::{StateId, TrialNumber};
 use crate::limits::{STATES_MAX, STATES_OF_NEW_MACHINES_MAX};
 use crate::policy::Operation;
-use crate::trial::{Mode, Rule, Trial, TrialState};
+use crate::trial::{Trial, TrialState};
 use crate::tuner::plan::Planned;
 use crate::tuner::proposal::Ground;
 use crate::tuner::{Ask, Change, Prediction, Question, Tuner, TunerError, VisitDecision, checks};
@@ -36,16 +36,20 @@ impl Tuner {
             change.visits.extend(lost.visits);
         }
         let visit_before = self.clients.visits.of(&ask.client_id).cloned();
-        let fixed = wanted.or_else(|| self.in_shadow(ask, &normalised, state, &planned));
+        let fixed = wanted.or_else(|| self.exploiting(&planned).in_shadow(ask, &normalised, state));
         if fixed.is_none() {
-            if let Some(number) = self.decides(ask, Some(state)) {
-                let decision = self.decide(ask, number, &normalised, state, &planned);
+            let wishes = self.wishes(&ask.session_policy);
+            if let Some(number) = wishes.decides(ask, Some(state), &self.clients.visits) {
+                let exploiting = self.exploiting(&planned);
+                let decision = wishes.decide(&exploiting, ask, number, &normalised, state);
                 change.forgotten.extend(self.clients.visit(&ask.client_id, state, number, decision));
             }
             self.clients.visits.keep_account(ask, &self.spec.policy, state, self.clients.trials.last());
         }
         let held = self.clients.trials.of_client(&ask.client_id, state);
-        let held = held.map(|trial| (TrialNumber(trial.number), self.still_fits(ask, trial, fixed.as_ref())));
+        let (wishes, visits) = (self.wishes(&ask.session_policy), &self.clients.visits);
+        let is_wanted = |trial| wishes.still_wants(ask, trial, fixed.as_ref(), visits);
+        let held = held.map(|trial| (TrialNumber(trial.number), is_wanted(trial)));
         let trial = match held {
             Some((number, true)) => {
                 self.clients.hand_out_again(&ask.client_id, number, &self.spec.policy, now_ms)
@@ -79,35 +83,6 @@ impl Tuner {
         Ok((trial, change))
     }
 
-    /// Whether the policy still wants the client to run a trial that it holds.
-    pub(super) fn still_fits(&self, ask: &Ask, trial: &Trial, fixed: Option<&Prediction>) -> bool {
-        let policy = &self.spec.policy;
-        match fixed {
-            Some(fixed) => {
-                // One of an earlier space, which is read as wanted, may be of a cheaper level.
-                trial.decision.fidelity.is_none()
-                    && trial.mode() == fixed.decision.mode()
-                    && trial.configuration == fixed.configuration
-            }
-            None if trial.mode() == Mode::Pinned => false,
-            None if trial.decision.fidelity.is_some() && !ask.fidelities => false,
-            None if trial.decision.explores() => {
-                // The budget does not cover an exploring trial of an earlier session or of a time without a
-                // budget, nor another run where too little is left.
-                let account = self.clients.visits.account(&trial.client_id);
-                let covers =
-                    |budget| account.is_some_and(|account| account.covers_again(trial.number, budget));
-                // A session that explores no more runs it to its end only if it has shown that it runs it, or
-                // if nothing else was known.
-                let is_wanted = trial.decision.heartbeat
-                    || !self.wishes(&ask.session_policy).never_explores()
-                    || trial.decision.rule() == Some(Rule::NothingKnown);
-                policy.operation == Operation::Tune && is_wanted && policy.regret_budget.is_none_or(covers)
-            }
-            None => !matches!(trial.decision.choice, Choice::Shadow { .. }),
-        }
-    }
-
     /// The trial that follows from the decision of the client's visit.
     fn by_policy(
         &mut self,
@@ -117,12 +92,13 @@ impl Tuner {
         state: StateId,
         planned: &mut Planned,
     ) -> Prediction {
-        if let Some(first) = self.start_first(ask, state) {
+        let wishes = self.wishes(&ask.session_policy);
+        if let Some(first) = wishes.start_first(ask, state, &self.clients) {
             return first;
         }
         let decided = match self.clients.visits.of(&ask.client_id).map(|visit| &visit.decision) {
             Some(VisitDecision::Exploit { configuration, predicted_cost, exploit, said })
-                if !self.is_rechecked(ask, state) =>
+                if !wishes.is_rechecked(&ask.client_id, state, &self.knowledge.rechecks) =>
             {
                 let choice = Choice::Exploit(exploit.as_ref().clone());
                 return Prediction {

@@ -5,10 +5,10 @@ use std::collections::BTreeMap;
 use crate::configuration::Configuration;
 use crate::session::SessionPolicy;
 use crate::trial::Fingerprint;
-use crate::tuner::exploring::{Exploiting, Racing, Repeats, Standings, Transfer, Walk};
+use crate::tuner::exploring::{Exploiting, Racing, Repeats, Standings, Transfer, Walk, Wishes};
 use crate::tuner::knowledge::Knowledge;
 use crate::tuner::plan::Planned;
-use crate::tuner::session::Wishes;
+use crate::tuner::proposal::Ground;
 use crate::tuner::{Prediction, StudyCounts, Tuner, TunerError, checks};
 
 impl Tuner {
@@ -32,7 +32,7 @@ impl Tuner {
         checks::fingerprint(fingerprint)?;
         let normalised = self.spec.indicators.normalise(indicators)?;
         let here = self.knowledge.recognise_for(fingerprint, &normalised);
-        let ground = self.wishes(&SessionPolicy::default()).ground();
+        let ground = Ground::of(&self.spec.policy, &SessionPolicy::default());
         let exploit = || self.exploiting(planned).exploitation(start, &normalised, here, ground).asked();
         let prediction = Prediction::pinned(&self.spec.policy).unwrap_or_else(exploit);
         Ok(Prediction { insight: here.map(|here| self.insight(here, start, planned)), ..prediction })

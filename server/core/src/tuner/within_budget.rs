@@ -13,6 +13,7 @@ use crate::results::{Record, ResultTable};
 use crate::robust::is_torn;
 use crate::tuner::budget::{Denied, Terms};
 use crate::tuner::explore::Explored;
+use crate::tuner::exploring::Exploiting;
 use crate::tuner::knowledge::GainEvidence;
 use crate::tuner::plan::Planned;
 use crate::tuner::proposal::Exploitation;
@@ -72,7 +73,7 @@ impl Tuner {
                     Denied::NoReference => (None, None),
                     Denied::TooLittle(leave) => (Some(leave.set_aside), Some(leave.reference)),
                 };
-                match self.baseline(ask, denied, state, planned) {
+                match self.exploiting(planned).baseline(ask, denied, state) {
                     Some(baseline) => {
                         let budget = BudgetStatus { budget_left, set_aside, reference_cost };
                         baseline.by(ExploitRule::Budget, decided.1, budget)
@@ -91,25 +92,25 @@ impl Tuner {
             }
         }
     }
+}
 
+impl Exploiting<'_> {
     /// The configuration to run while the budget does not allow exploring: the default, or the client's
     /// start, once in each stay, as a reference for the cost of exploring, then the best measured there.
     /// `None` where there is neither.
-    fn baseline(&self, ask: &Ask, denied: Denied, state: StateId, planned: &Planned) -> Option<Exploitation> {
-        let start = checks::start_of(&self.spec.space, ask)
-            .filter(|start| self.standings().may_run_start(state, start));
-        if matches!(denied, Denied::NoReference) && (start.is_some() || self.standings().default_runs(state))
-        {
-            let configuration = start.unwrap_or_else(|| self.spec.space.default_configuration());
+    fn baseline(&self, ask: &Ask, denied: Denied, state: StateId) -> Option<Exploitation> {
+        let (space, standings) = (&self.standings.spec.space, self.standings);
+        let start = checks::start_of(space, ask).filter(|start| standings.may_run_start(state, start));
+        if matches!(denied, Denied::NoReference) && (start.is_some() || standings.default_runs(state)) {
+            let configuration = start.unwrap_or_else(|| space.default_configuration());
             return Some(Exploitation {
-                predicted_cost: self.knowledge.states.cost_of(state, &configuration),
+                predicted_cost: standings.states.cost_of(state, &configuration),
                 configuration,
                 source: ExploitSource::Default,
                 rolled_back: false,
             });
         }
-        let exploiting = self.exploiting(planned);
-        Some(exploiting.beside_start(exploiting.best_known(state, None)?, start.as_ref(), Some(state)))
+        Some(self.beside_start(self.best_known(state, None)?, start.as_ref(), Some(state)))
     }
 }
 

@@ -2,6 +2,7 @@
 //! and what is exploited meanwhile.
 
 pub(super) mod confirmation;
+mod decide;
 mod exploiting;
 pub(super) mod exploration;
 mod few;
@@ -9,9 +10,11 @@ mod race;
 mod repeats;
 mod searches;
 mod standings;
+mod start;
 mod telling;
 pub(super) mod transfer;
 mod walk;
+mod wishes;
 
 pub(crate) use confirmation::Racing;
 pub(crate) use exploiting::Exploiting;
@@ -20,3 +23,4 @@ pub(crate) use searches::{Searches, is_spent};
 pub(crate) use standings::Standings;
 pub(crate) use transfer::Transfer;
 pub(crate) use walk::{NextPoint, Walk, drawn, unseen};
+pub(crate) use wishes::Wishes;

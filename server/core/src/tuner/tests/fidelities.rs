@@ -139,7 +139,10 @@ fn a_client_that_knows_levels_no_more_gets_a_full_trial() {
     let configuration = full.configuration.clone();
     let wanted =
         Prediction { configuration, predicted_cost: None, decision: decision.clone(), insight: None };
-    let fits = |decision| tuner.still_fits(&knowing(), &Trial { decision, ..full.clone() }, Some(&wanted));
+    let (ask, visits) = (knowing(), &tuner.clients.visits);
+    let wishes = tuner.wishes(&ask.session_policy);
+    let fits =
+        |decision| wishes.still_wants(&ask, &Trial { decision, ..full.clone() }, Some(&wanted), visits);
     assert_eq!([fits(decision), fits(adopted)], [true, false]);
 }
 

@@ -9,22 +9,23 @@
 use crate::decision::{BudgetStatus, Choice, ExplorationEstimate, Explore, ExploreRule, ExploredPoint};
 use crate::ids::StateId;
 use crate::policy::Operation;
-use crate::tuner::{Ask, Prediction, Tuner, VisitDecision, checks};
+use crate::tuner::clients::Clients;
+use crate::tuner::exploring::wishes::Wishes;
+use crate::tuner::{Ask, Prediction, VisitDecision, checks};
 
-impl Tuner {
+impl Wishes<'_> {
     /// The trial of a client's start, where that has to be compared with what else ran in the state, or where
     /// the client explores. Nobody measures it twice, or again where it failed or was lost too often. A
     /// session that never explores measures nothing for that.
-    pub(super) fn start_first(&self, ask: &Ask, state: StateId) -> Option<Prediction> {
-        let start = checks::start_of(&self.spec.space, ask)
-            .filter(|start| self.standings().may_run_start(state, start))?;
-        let results = self.knowledge.states.results(state);
-        let visit = self.clients.visits.of(&ask.client_id);
+    pub(crate) fn start_first(&self, ask: &Ask, state: StateId, clients: &Clients) -> Option<Prediction> {
+        let start = checks::start_of(&self.standings.spec.space, ask);
+        let start = start.filter(|start| self.standings.may_run_start(state, start))?;
+        let results = self.standings.states.results(state);
+        let visit = clients.visits.of(&ask.client_id);
         let exploits = visit.is_some_and(|visit| matches!(visit.decision, VisitDecision::Exploit { .. }));
         let is_needed = !exploits || results.best().is_some();
-        let may = self.spec.policy.operation == Operation::Tune
-            && !self.wishes(&ask.session_policy).never_explores();
-        let is_known = results.ran(&start).is_some() || self.clients.trials.runs(state, &start);
+        let may = self.policy().operation == Operation::Tune && !self.never_explores();
+        let is_known = results.ran(&start).is_some() || clients.trials.runs(state, &start);
         if !(is_needed && may) || is_known {
             return None;
         }

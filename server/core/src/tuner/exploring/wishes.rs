@@ -7,11 +7,11 @@ use crate::configuration::Configuration;
 use crate::decision::{ExploitSource, ExplorationEstimate};
 use crate::fnv;
 use crate::ids::{StateId, TrialNumber};
-use crate::policy::{Operation, Policy, PredictorMethod};
+use crate::policy::{Policy, PredictorMethod};
 use crate::randomness::{Purpose, stream};
 use crate::session::SessionPolicy;
 use crate::tuner::Prospect;
-use crate::tuner::exploring::Standings;
+use crate::tuner::exploring::standings::Standings;
 use crate::tuner::knowledge::GainEvidence;
 use crate::tuner::proposal::Ground;
 
@@ -35,53 +35,53 @@ pub(super) enum Course {
 
 /// The policy for a session: its own wishes before the study's.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Wishes<'a> {
-    pub(super) session: &'a SessionPolicy,
-    pub(super) standings: Standings<'a>,
-    pub(super) gain: GainEvidence<'a>,
+pub(crate) struct Wishes<'a> {
+    pub(crate) session: &'a SessionPolicy,
+    pub(crate) standings: Standings<'a>,
+    pub(crate) gain: GainEvidence<'a>,
 }
 
 impl Wishes<'_> {
-    fn policy(&self) -> &Policy {
+    pub(super) fn policy(&self) -> &Policy {
         &self.standings.spec.policy
     }
 
     /// The probability of exploring a state, which may be unknown yet.
-    pub(super) fn epsilon(&self, state: Option<StateId>) -> f64 {
+    pub(crate) fn epsilon(&self, state: Option<StateId>) -> f64 {
         let by_policy = || state.map_or(self.policy().epsilon, |state| self.gain.epsilon(state));
         self.session.epsilon.unwrap_or_else(by_policy)
     }
 
     /// Whether it never explores, as long as anything else can be run.
-    pub(super) fn never_explores(&self) -> bool {
+    pub(crate) fn never_explores(&self) -> bool {
         self.session.epsilon.unwrap_or(self.policy().epsilon) == 0.0
     }
 
     /// Whether it explores every state until its search has ended, without a draw.
-    pub(super) fn explores_to_the_end(&self) -> bool {
+    pub(crate) fn explores_to_the_end(&self) -> bool {
         let has_one_state = self.standings.spec.indicators.indicators().is_empty();
         let offline = self.policy().offline || has_one_state;
         offline && self.session.epsilon.is_none() && self.policy().epsilon > 0.0
     }
 
     /// After how many trials a state's search is over.
-    pub(super) fn room(&self) -> usize {
+    pub(crate) fn room(&self) -> usize {
         self.session.trials_per_state.unwrap_or(self.policy().trials_per_state) as usize
     }
 
     /// Whether a state's search is over, and confirmed.
-    pub(super) fn is_finished(&self, state: StateId) -> bool {
+    pub(crate) fn is_finished(&self, state: StateId) -> bool {
         self.is_spent(state) && !self.standings.is_to_be_confirmed(state)
     }
 
     /// Whether a state's search has spent its number of trials, confirmed or not.
-    pub(super) fn is_spent(&self, state: StateId) -> bool {
+    pub(crate) fn is_spent(&self, state: StateId) -> bool {
         self.standings.is_spent_within(self.room(), state)
     }
 
     /// The costs of the cheaper levels at which its client runs trials, as shares of a full one, if it runs
     /// any. With a budget of regret there are none, nor where the search tries every configuration.
-    pub(super) fn open_levels(&self, runs_any: bool) -> Vec<f64> {
+    pub(crate) fn open_levels(&self, runs_any: bool) -> Vec<f64> {
         let room = self.room();
         let is_open = runs_any
             && self.policy().regret_budget.is_none()
@@ -92,7 +92,7 @@ impl Wishes<'_> {
 
     /// The name of the cheaper level at which a trial measures the point of the state's search. `None` for in
     /// full.
-    pub(super) fn cheaper_level(
+    pub(crate) fn cheaper_level(
         &self,
         runs_any: bool,
         number: TrialNumber,
@@ -105,17 +105,9 @@ impl Wishes<'_> {
         level.map(|level| level.name.clone())
     }
 
-    /// The ground of its answers.
-    pub(super) fn ground(&self) -> Ground {
-        match self.policy().operation == Operation::Freeze || self.never_explores() {
-            true => Ground::Measured,
-            false => Ground::Predicted,
-        }
-    }
-
     /// Whether a kept configuration was never run in a state while only measurements count: something else
     /// ran there, or nothing but a model names it.
-    pub(super) fn is_unfounded(
+    pub(crate) fn is_unfounded(
         &self,
         state: StateId,
         (configuration, source): (&Configuration, &ExploitSource),
@@ -125,7 +117,7 @@ impl Wishes<'_> {
         // The nearest neighbour names what ran in another state.
         let nearest = PredictorMethod::NearestNeighbour;
         let is_modelled = matches!(source, ExploitSource::Predictor(by) if by.predictor != nearest);
-        self.ground() == Ground::Measured
+        Ground::of(self.policy(), self.session) == Ground::Measured
             && (results.best().is_some() || is_modelled)
             && results.ran(configuration).is_none()
             && start != Some(configuration)
@@ -161,12 +153,12 @@ impl Wishes<'_> {
 
     /// Whether a client explores a state for which the decision of visit `number` is to be taken, as far as
     /// that is known before the exploited configuration is.
-    pub(super) fn explores(&self, client_id: &str, number: u64, state: StateId) -> bool {
+    pub(crate) fn explores(&self, client_id: &str, number: u64, state: StateId) -> bool {
         matches!(self.course(client_id, number, state), Course::Explore(_))
     }
 
     /// Whether the dice of visit `number` of a client to a state, known or not, fall on exploring.
-    pub(super) fn draws(&self, client_id: &str, number: u64, state: Option<StateId>) -> bool {
+    pub(crate) fn draws(&self, client_id: &str, number: u64, state: Option<StateId>) -> bool {
         if self.explores_to_the_end() {
             return true;
         }
@@ -176,7 +168,7 @@ impl Wishes<'_> {
         if stay as f64 * epsilon >= STAY_EXPLORES {
             return true;
         }
-        // A long stay throws them again, see `Tuner::decides`.
+        // A long stay throws them again, see `Wishes::decides`.
         let throw = if stay > 1 { number ^ (stay << THROWS_SHIFT) } else { number };
         let client = fnv::hash(client_id.bytes());
         let draw: f64 = stream(self.standings.spec.seed, Purpose::Decision, client, throw).random();
