@@ -9,9 +9,8 @@ use crate::predict::state_index::OmittedIndicator;
 use crate::results::ResultTable;
 use crate::space::Space;
 use crate::standing::Standing;
-use crate::tuner::Tuner;
+use crate::tuner::exploring::{Exploiting, Standings};
 use crate::tuner::knowledge::States;
-use crate::tuner::plan::Planned;
 
 /// The policy's knowledge of a state.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -67,21 +66,24 @@ pub struct Omission {
     pub saved_trials: f64,
 }
 
-impl Tuner {
+impl Exploiting<'_> {
+    /// The insight into a state, whose search a client may want to have `room` trials: more than the study's
+    /// operator wants, or fewer.
     pub(super) fn insight(
         &self,
         state: StateId,
         start: Option<&Configuration>,
-        planned: &Planned,
+        room: Option<usize>,
     ) -> Insight {
-        let results = self.knowledge.states.results(state);
-        // A session may want a longer search than the study's operator, or a shorter one.
-        let room = self.clients.visits.room(state).unwrap_or(self.spec.policy.trials_per_state as usize);
-        let is_finished = self.standings().is_spent_within(room, state);
-        let prospect = self.knowledge.gain(&self.spec.policy).prospect("", state, room);
-        let left = room.saturating_sub(self.searches.taken(state, results, &self.spec.policy));
+        let Exploiting { standings, gain, planned, .. } = *self;
+        let Standings { spec, states, searches, .. } = standings;
+        let results = states.results(state);
+        let room = room.unwrap_or(spec.policy.trials_per_state as usize);
+        let is_finished = standings.is_spent_within(room, state);
+        let prospect = gain.prospect("", state, room);
+        let left = room.saturating_sub(searches.taken(state, results, &spec.policy));
         let mut omissions = Vec::new();
-        if self.spec.policy.weigh_gain && !is_finished && prospect.trials == 0 {
+        if spec.policy.weigh_gain && !is_finished && prospect.trials == 0 {
             let summary = format!(
                 "a gain of {:.1} % over {:.0} frames does not pay for exploring worth {:.1} frames",
                 100.0 * prospect.gain,
@@ -91,19 +93,19 @@ impl Tuner {
             let (reason, saved_trials) = (OmissionReason::BelowCost, left as f64);
             omissions.push(Omission { parameter: None, reason, summary, saved_trials });
         }
-        omitted_parameters(&self.spec.space, results, &mut omissions);
-        omitted_indicators(&self.spec.indicators, &self.knowledge.states, &mut omissions);
+        omitted_parameters(&spec.space, results, &mut omissions);
+        omitted_indicators(&spec.indicators, states, &mut omissions);
         Insight {
             state_id: state.0,
             tried: results.tried() as u64,
-            visits: self.knowledge.history.visits(state),
-            frames: self.knowledge.history.frames(state),
+            visits: gain.history.visits(state),
+            frames: gain.history.frames(state),
             noise: results.noise(),
             outliers: results.outliers(),
             drifts: results.drifts(),
             prospect: (!is_finished).then_some(prospect),
             omissions,
-            standing: self.standings().standing(state, start, planned),
+            standing: standings.standing(state, start, planned),
         }
     }
 }

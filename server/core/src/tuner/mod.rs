@@ -321,7 +321,10 @@ impl Tuner {
         indicators: &BTreeMap<String, f64>,
         fingerprint: Option<&Fingerprint>,
     ) -> Result<Prediction, TunerError> {
-        self.prediction(indicators, fingerprint, None, &Planned::AtOnce)
+        let (normalised, here) =
+            self.knowledge.recognise_for(&self.spec.indicators, indicators, fingerprint)?;
+        let room = here.and_then(|here| self.clients.visits.room(here));
+        Ok(self.exploiting(&Planned::AtOnce).prediction(&normalised, here, None, room))
     }
 
     /// [`Tuner::predict`] in microseconds, for a client with a start or without. Without a plan it may need
@@ -333,15 +336,19 @@ impl Tuner {
         start: Option<&RawConfiguration>,
         plan: Option<SuggestionPlan>,
     ) -> Result<DecisionStep<Prediction>, TunerError> {
-        if plan.is_none()
-            && let Some(request) = self.plan_prediction(indicators, fingerprint, start)
+        let start = checks::start(&self.spec.space, start)?;
+        let (normalised, here) =
+            self.knowledge.recognise_for(&self.spec.indicators, indicators, fingerprint)?;
+        let unplanned = plan.is_none();
+        let mut planned = Planned::Ahead(Box::new(plan.unwrap_or_default()));
+        if unplanned && let Some(request) = self.exploiting(&planned).plan(&normalised, here, start.as_ref())
         {
             return Ok(DecisionStep::Need(Box::new(request)));
         }
-        let mut planned = Planned::Ahead(Box::new(plan.unwrap_or_default()));
         planned.keep_in(&mut self.knowledge.assessments);
-        let start = checks::start(&self.spec.space, start)?;
-        self.prediction(indicators, fingerprint, start.as_ref(), &planned).map(DecisionStep::Done)
+        let room = here.and_then(|here| self.clients.visits.room(here));
+        let exploiting = self.exploiting(&planned);
+        Ok(DecisionStep::Done(exploiting.prediction(&normalised, here, start.as_ref(), room)))
     }
 
     /// The best known configuration of the state that matches the indicators, or of all states where none are
@@ -366,15 +373,17 @@ impl Tuner {
         start: Option<&RawConfiguration>,
         plan: Option<SuggestionPlan>,
     ) -> Result<DecisionStep<Option<Best>>, TunerError> {
-        if plan.is_none()
-            && let Some(request) = self.plan_best(indicators, fingerprint, start)
-        {
-            return Ok(DecisionStep::Need(Box::new(request)));
+        let start = checks::start(&self.spec.space, start)?;
+        let state = self.knowledge.best_state(&self.spec.indicators, indicators, fingerprint)?;
+        if plan.is_none() {
+            let [assessment, beside_start] = self.standings().assessments_to_plan(state, start.as_ref());
+            let request = PlanRequest { assessment, beside_start, ..PlanRequest::nothing(&self.spec) };
+            if !request.is_empty() {
+                return Ok(DecisionStep::Need(Box::new(request)));
+            }
         }
         let mut planned = Planned::Ahead(Box::new(plan.unwrap_or_default()));
         planned.keep_in(&mut self.knowledge.assessments);
-        let start = checks::start(&self.spec.space, start)?;
-        let state = self.knowledge.best_state(&self.spec.indicators, indicators, fingerprint)?;
         let best = state.and_then(|state| self.standings().best(state, start.as_ref(), &planned));
         Ok(DecisionStep::Done(best))
     }

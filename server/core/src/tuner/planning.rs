@@ -1,23 +1,23 @@
 //! The plan that a question needs, and the copies of the tuner for a [`PlanRequest`].
 
 use std::borrow::Cow;
-use std::collections::BTreeMap;
 
-use crate::configuration::RawConfiguration;
+use crate::configuration::Configuration;
 use crate::ids::{MachineId, StateId};
 use crate::limits::POINTS_IN_RESERVE_MAX;
 use crate::machines::Machines;
 use crate::policy::Operation;
+use crate::predict::contextual::FitRequest;
 use crate::predict::nearest::Nearest;
 use crate::predict::{Predictor, Query};
 use crate::search::AnySearch;
 use crate::session::SessionPolicy;
 use crate::trial::Fingerprint;
-use crate::tuner::exploring::{Exploiting, Transfer, is_spent};
+use crate::tuner::exploring::{Exploiting, Standings, Transfer, Wishes, is_spent};
 use crate::tuner::knowledge::States;
 use crate::tuner::plan::{PlanRequest, Planned};
 use crate::tuner::proposal::Ground;
-use crate::tuner::{Ask, Question, Tuner, checks};
+use crate::tuner::{Question, Tuner, checks};
 
 impl Tuner {
     /// The computation that a question needs to be answered quickly; `None` where it needs none. `may_plan`
@@ -31,44 +31,36 @@ impl Tuner {
         let wishes = self.wishes(&ask.session_policy);
         let explores = wishes.foretold(ask, here, &self.clients)?;
         let (machines, machine) = machines_of(&self.knowledge.states.machines, ask.fingerprint.as_ref());
+        let (ahead, standings) = (Planned::Ahead(Box::default()), self.standings());
         let transfer = Transfer { asking: Some((&machines, machine)), ..self.transfer() };
+        let exploiting = Exploiting { transfer, ..self.exploiting(&ahead) };
         let query = || transfer.query(normalised, here);
-        let (predictor, predictors) = (policy.predictor, &self.knowledge.models.predictors);
+        let number = self.clients.trials.last().next();
+        let first = || transfer.models.predictors.proposal(policy.predictor, &query(), number.0);
         let ground = Ground::of(policy, &ask.session_policy);
-        let answer = || {
-            if ground == Ground::Measured || !transfer.needs_predictor(here) {
-                return None;
-            }
-            let ahead = Planned::Ahead(Box::default());
-            let exploiting = Exploiting { transfer, ..self.exploiting(&ahead) };
-            let measured = exploiting.measured_answer(normalised, here);
-            predictors.request(predictor, &Query { rival: Some(&measured.configuration), ..query() })
-        };
-        let first = || predictors.proposal(predictor, &query(), self.clients.trials.last().0 + 1);
-        let rival_of = here.filter(|&here| !self.standings().is_settled(here));
-        let mut request = PlanRequest { rival_of, ..PlanRequest::nothing(&self.spec) };
-        let ends = |here: &StateId| wishes.is_spent(*here) && self.standings().is_to_be_confirmed(*here);
-        let answers = if explores {
-            here.filter(ends)
-        } else {
-            state_that_answers(&self.knowledge.states, &query(), here)
-        };
-        request.assessment = answers.and_then(|state| self.standings().assessment_to_plan(state, None));
-        request.beside_start = self
-            .standings()
-            .start_to_plan(checks::start_of(&self.spec.space, ask), answers.filter(|_| answers == here));
+        let ends = |here: &StateId| wishes.is_spent(*here) && standings.is_to_be_confirmed(*here);
+        let answers =
+            if explores { here.filter(ends) } else { state_that_answers(transfer.states, &query(), here) };
+        let start = checks::start_of(&self.spec.space, ask).filter(|_| answers == here);
+        let [assessment, beside_start] = standings.assessments_to_plan(answers, start.as_ref());
+        let rival_of = here.filter(|&here| !standings.is_settled(here));
+        let nothing = PlanRequest::nothing(&self.spec);
+        let mut request = PlanRequest { assessment, beside_start, rival_of, ..nothing };
         let tunes = policy.operation == Operation::Tune;
         // The plan may show whether there is anything to exploit.
         let is_unsure = !explores
             && ground == Ground::Predicted
-            && here.is_none_or(|here| self.knowledge.states.results(here).best().is_none());
+            && here.is_none_or(|here| transfer.states.results(here).best().is_none());
         if !explores || !tunes || here.is_none() && policy.weigh_gain {
             request.portfolio = transfer.evidence_elsewhere(normalised, here);
-            request.answer = answer();
+            request.answer = exploiting.answer_to_plan(normalised, here, ground);
         }
         match here.filter(|_| explores || is_unsure) {
             Some(here) if tunes => {
-                request.search = self.search_to_plan(ask, here).filter(|(state, ..)| may_plan(*state));
+                let affords = || self.clients.visits.affords(policy, ask, standings.default_runs(here));
+                let is_own = || transfer.untried_by_machines(here).is_none() && affords();
+                let search = wishes.search_to_plan(ask.fidelities, here, is_own);
+                request.search = search.filter(|(state, ..)| may_plan(*state));
                 // A start that the client leaves is taken back before it is answered.
                 let held = self.clients.trials.of_client(&ask.client_id, here);
                 let is_left = held.is_some_and(|held| self.searches.leaves_start(ask, held));
@@ -77,11 +69,7 @@ impl Tuner {
                     request.first = first();
                 }
                 let begins = request.first.is_none() && self.searches.of(here).is_none();
-                if begins
-                    && transfer.warms_up_searches()
-                    && transfer.untried_by_machines(here).is_none()
-                    && self.clients.visits.affords(policy, ask, self.standings().default_runs(here))
-                {
+                if begins && transfer.warms_up_searches() && is_own() {
                     request.evidence = Some((Some(here), transfer.evidence(here)));
                 }
             }
@@ -99,68 +87,74 @@ impl Tuner {
         request.normalised.clone_from(normalised);
         (!request.is_empty()).then_some(request)
     }
+}
 
-    /// Plans a prediction, for [`Tuner::predict_step`].
-    pub(super) fn plan_prediction(
+impl Exploiting<'_> {
+    /// The computation that a prediction needs to be made quickly; `None` where it needs none.
+    pub(super) fn plan(
         &self,
-        indicators: &BTreeMap<String, f64>,
-        fingerprint: Option<&Fingerprint>,
-        start: Option<&RawConfiguration>,
+        normalised: &[f64],
+        here: Option<StateId>,
+        start: Option<&Configuration>,
     ) -> Option<PlanRequest> {
-        let normalised = self.spec.indicators.normalise(indicators).ok()?;
-        let here = self.knowledge.recognise_for(fingerprint, &normalised);
-        if self.spec.policy.pinned.is_some() {
+        let (standings, transfer) = (self.standings, self.transfer);
+        let spec = standings.spec;
+        if spec.policy.pinned.is_some() {
             return None;
         }
-        let measured = self.exploiting(&Planned::Ahead(Box::default())).measured_answer(&normalised, here);
-        let query = self.knowledge.states.query(&self.spec.space, &normalised, here);
-        let query = Query { rival: Some(&measured.configuration), ..query };
-        let predicts = Ground::of(&self.spec.policy, &SessionPolicy::default()) == Ground::Predicted;
-        let asks = predicts && self.transfer().needs_predictor(here);
-        let predictors = &self.knowledge.models.predictors;
-        let portfolio = self.transfer().evidence_elsewhere(&normalised, here);
-        let answer = asks.then(|| predictors.request(self.spec.policy.predictor, &query)).flatten();
-        let answers = state_that_answers(&self.knowledge.states, &query, here);
-        let assessment = answers.and_then(|state| self.standings().assessment_to_plan(state, None));
-        let start = checks::start(&self.spec.space, start).ok()?;
-        let beside_start = self.standings().start_to_plan(start, answers.filter(|_| answers == here));
-        let rival_of = here.filter(|&here| !self.standings().is_settled(here));
-        let nothing = PlanRequest::nothing(&self.spec);
-        let request =
-            PlanRequest { answer, portfolio, normalised, assessment, beside_start, rival_of, ..nothing };
+        let ground = Ground::of(&spec.policy, &SessionPolicy::default());
+        let answers = state_that_answers(standings.states, &transfer.query(normalised, here), here);
+        let [assessment, beside_start] =
+            standings.assessments_to_plan(answers, start.filter(|_| answers == here));
+        let request = PlanRequest {
+            answer: self.answer_to_plan(normalised, here, ground),
+            portfolio: transfer.evidence_elsewhere(normalised, here),
+            normalised: normalised.to_vec(),
+            assessment,
+            beside_start,
+            rival_of: here.filter(|&here| !standings.is_settled(here)),
+            ..PlanRequest::nothing(spec)
+        };
         (!request.is_empty()).then_some(request)
     }
 
-    /// Plans a question for the best, for [`Tuner::best_step`].
-    pub(super) fn plan_best(
+    /// The fit of the predictors that answers in place of measurements, where these are not the only ground.
+    fn answer_to_plan(
         &self,
-        indicators: Option<&BTreeMap<String, f64>>,
-        fingerprint: Option<&Fingerprint>,
-        start: Option<&RawConfiguration>,
-    ) -> Option<PlanRequest> {
-        let state = self.knowledge.best_state(&self.spec.indicators, indicators, fingerprint).ok()??;
-        let assessment = self.standings().assessment_to_plan(state, None);
-        let beside_start =
-            self.standings().start_to_plan(checks::start(&self.spec.space, start).ok()?, Some(state));
-        let request = PlanRequest { assessment, beside_start, ..PlanRequest::nothing(&self.spec) };
-        (!request.is_empty()).then_some(request)
-    }
-
-    /// A copy of the state's search, if its next point takes a fit and will be asked for, and the number of
-    /// further points for the reserve.
-    fn search_to_plan(&self, ask: &Ask, state: StateId) -> Option<(StateId, Box<AnySearch>, usize)> {
-        let (policy, results) = (&self.spec.policy, self.knowledge.states.results(state));
-        let exploration = self.searches.of(state)?;
-        let room = self.wishes(&ask.session_policy).room();
-        let mut search = Cow::Borrowed(exploration.search.as_ref()?);
-        if !self.spec.objective.fidelities().is_empty() {
-            search.to_mut().open_levels(&self.wishes(&ask.session_policy).open_levels(ask.fidelities));
+        normalised: &[f64],
+        here: Option<StateId>,
+        ground: Ground,
+    ) -> Option<FitRequest> {
+        let transfer = self.transfer;
+        if ground == Ground::Measured || !transfer.needs_predictor(here) {
+            return None;
         }
-        let goes_on = search.is_of(policy.search)
+        let measured = self.measured_answer(normalised, here);
+        let query = Query { rival: Some(&measured.configuration), ..transfer.query(normalised, here) };
+        transfer.models.predictors.request(transfer.spec.policy.predictor, &query)
+    }
+}
+
+impl Wishes<'_> {
+    /// A copy of the state's search, if its next point takes a fit and will be asked for, and the number of
+    /// further points for the reserve. `is_own` says whether the search's next point is what is explored.
+    fn search_to_plan(
+        &self,
+        fidelities: bool,
+        state: StateId,
+        is_own: impl Fn() -> bool,
+    ) -> Option<(StateId, Box<AnySearch>, usize)> {
+        let Standings { spec, states, searches, .. } = self.standings;
+        let exploration = searches.of(state)?;
+        let mut search = Cow::Borrowed(exploration.search.as_ref()?);
+        if !spec.objective.fidelities().is_empty() {
+            search.to_mut().open_levels(&self.open_levels(fidelities));
+        }
+        let goes_on = search.is_of(spec.policy.search)
             && !search.is_ready()
-            && !is_spent(exploration, results, policy, room)
-            && self.transfer().untried_by_machines(state).is_none();
-        if !goes_on || !self.clients.visits.affords(policy, ask, self.standings().default_runs(state)) {
+            && !is_spent(exploration, states.results(state), &spec.policy, self.room())
+            && is_own();
+        if !goes_on {
             return None;
         }
         // Where others work on the state too, some of them will ask before the next fit ends.

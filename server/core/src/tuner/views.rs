@@ -1,15 +1,10 @@
 //! Views of the tuner: its parts joined for one step each, and those for its caller.
 
-use std::collections::BTreeMap;
-
-use crate::configuration::Configuration;
 use crate::session::SessionPolicy;
-use crate::trial::Fingerprint;
 use crate::tuner::exploring::{Exploiting, Racing, Repeats, Standings, Transfer, Walk, Wishes};
 use crate::tuner::knowledge::Knowledge;
 use crate::tuner::plan::Planned;
-use crate::tuner::proposal::Ground;
-use crate::tuner::{Prediction, StudyCounts, Tuner, TunerError, checks};
+use crate::tuner::{StudyCounts, Tuner};
 
 impl Tuner {
     /// Counts.
@@ -20,22 +15,6 @@ impl Tuner {
             completed_trials: self.knowledge.completed,
             open_trials: self.clients.trials.len() as u64,
         }
-    }
-
-    pub(super) fn prediction(
-        &self,
-        indicators: &BTreeMap<String, f64>,
-        fingerprint: Option<&Fingerprint>,
-        start: Option<&Configuration>,
-        planned: &Planned,
-    ) -> Result<Prediction, TunerError> {
-        checks::fingerprint(fingerprint)?;
-        let normalised = self.spec.indicators.normalise(indicators)?;
-        let here = self.knowledge.recognise_for(fingerprint, &normalised);
-        let ground = Ground::of(&self.spec.policy, &SessionPolicy::default());
-        let exploit = || self.exploiting(planned).exploitation(start, &normalised, here, ground).asked();
-        let prediction = Prediction::pinned(&self.spec.policy).unwrap_or_else(exploit);
-        Ok(Prediction { insight: here.map(|here| self.insight(here, start, planned)), ..prediction })
     }
 
     pub(super) fn standings(&self) -> Standings<'_> {

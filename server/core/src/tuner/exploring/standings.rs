@@ -138,26 +138,23 @@ impl<'a> Standings<'a> {
 
     /// The request where the assessment, beside the default or a start that ran there, has to be made apart
     /// before a client asks for it.
-    pub(crate) fn assessment_to_plan(
-        &self,
-        state: StateId,
-        start: Option<&Configuration>,
-    ) -> Option<AssessmentRequest> {
+    fn assessment_to_plan(&self, state: StateId, start: Option<&Configuration>) -> Option<AssessmentRequest> {
         let made = self.assessments.of(state, start);
         let request = self.assessment_request(state, start)?;
         let is_at_hand = request.is_quick() || made.is_some_and(|made| request.is_answered_by(made));
         (!is_at_hand).then_some(request)
     }
 
-    /// The same request beside a client's start, where that ran in the state.
-    pub(crate) fn start_to_plan(
+    /// The requests of a state that is to answer, where it is known: beside the default, and beside a `start`
+    /// that ran there.
+    pub(crate) fn assessments_to_plan(
         &self,
-        start: Option<Configuration>,
         state: Option<StateId>,
-    ) -> Option<AssessmentRequest> {
-        let (start, state) = (start?, state?);
-        self.measured(state, Some(&start))?;
-        self.assessment_to_plan(state, Some(&start))
+        start: Option<&Configuration>,
+    ) -> [Option<AssessmentRequest>; 2] {
+        let Some(state) = state else { return [None, None] };
+        let beside = |start| self.assessment_to_plan(state, Some(start));
+        [self.assessment_to_plan(state, None), self.measured(state, start).and_then(beside)]
     }
 
     /// The assessment of a state beside the default or a start that ran there, and whether it is up to date

@@ -103,13 +103,19 @@ impl Knowledge {
         GainEvidence { policy, states, history }
     }
 
-    /// The state of the named machine if it has been there, else of the one with the most frames there.
+    /// The asked indicators, normalised, and their state: that of the named machine if it has been there,
+    /// else of the one with the most frames there.
     pub(crate) fn recognise_for(
         &self,
+        indicators: &IndicatorSchema,
+        asked: &BTreeMap<String, f64>,
         fingerprint: Option<&Fingerprint>,
-        normalised: &[f64],
-    ) -> Option<StateId> {
-        self.states.recognise_for(fingerprint, normalised, |state| self.history.frames(state))
+    ) -> Result<(Vec<f64>, Option<StateId>), TunerError> {
+        checks::fingerprint(fingerprint)?;
+        let normalised = indicators.normalise(asked)?;
+        let frames = |state| self.history.frames(state);
+        let state = self.states.recognise_for(fingerprint, &normalised, frames);
+        Ok((normalised, state))
     }
 
     /// The state whose best is asked for: the one of the asked indicators, or the cheapest of all.
@@ -123,7 +129,7 @@ impl Knowledge {
         let best_of =
             |state: &StateId| self.states.results(*state).believed_best().map(|best| best.mean_cost);
         if let Some(asked) = asked {
-            let state = self.recognise_for(fingerprint, &indicators.normalise(asked)?);
+            let (_, state) = self.recognise_for(indicators, asked, fingerprint)?;
             return Ok(state.filter(|state| best_of(state).is_some()));
         }
         let all = self.states.ids().filter_map(|state| Some((state, best_of(&state)?)));
