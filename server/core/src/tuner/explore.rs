@@ -5,7 +5,7 @@ use crate::decision::{self, ExploitRule, Predicted};
 use crate::ids::{StateId, TrialNumber};
 use crate::predict::Answer;
 use crate::trial::Trial;
-use crate::tuner::exploring::{NextPoint, Transfer, drawn, unseen};
+use crate::tuner::exploring::{Exploiting, NextPoint, Repeats, Transfer, Walk, drawn, unseen};
 use crate::tuner::plan::Planned;
 use crate::tuner::proposal::{Exploitation, ProposedTrial};
 use crate::tuner::{Ask, Tuner, checks};
@@ -43,40 +43,42 @@ impl Tuner {
         planned: &mut Planned,
     ) -> Explored {
         let client_id = ask.client_id.as_str();
-        if let Some(candidate) = self.repeats().recheck(client_id, state)
-            && self.standings().is_spent_within(room, state)
-            && !self.standings().is_to_be_confirmed(state)
+        let exploiting = self.exploiting(planned);
+        let Exploiting { standings, transfer, .. } = exploiting;
+        let repeats = Repeats::of(&exploiting, &self.knowledge);
+        // A session may want fewer trials than the study.
+        let is_open = !standings.is_spent_within(room, state);
+        if let Some(candidate) = repeats.recheck(client_id, state)
+            && !is_open
+            && !standings.is_to_be_confirmed(state)
         {
             return Explored::Candidate(candidate);
         }
-        // A session may want fewer trials than the study.
-        let is_open = !self.standings().is_spent_within(room, state);
-        let candidate = is_open.then(|| self.transfer().untried_by_machines(state)).flatten();
-        let candidate =
-            candidate.or_else(|| first_of_a_state(&self.transfer(), state, number, normalised, planned));
-        let candidate = candidate.or_else(|| self.repeats().incumbent_again(client_id, room, state));
-        if let Some(candidate) = candidate.or_else(|| self.repeats().leader_again(room, state)) {
+        let candidate = is_open.then(|| transfer.untried_by_machines(state)).flatten();
+        let candidate = candidate.or_else(|| first_of_a_state(&transfer, state, number, normalised, planned));
+        let candidate = candidate.or_else(|| repeats.incumbent_again(client_id, room, state));
+        if let Some(candidate) = candidate.or_else(|| repeats.leader_again(room, state)) {
             return Explored::Candidate(candidate);
         }
-        self.walk().ensure(room, state, planned);
         let is_exhausted = self.searches.few().is_exhausted(self.knowledge.states.results(state));
-        let next = match is_exhausted {
-            true => NextPoint::Wait,
-            false => {
-                let shares = self.wishes(&ask.session_policy).open_levels(ask.fidelities);
-                self.walk().next_point((room, shares.as_slice()), state, planned)
-            }
-        };
+        let shares = self.wishes(&ask.session_policy).open_levels(ask.fidelities);
+        let trials = &self.clients.trials;
+        let mut walk = Walk::of(&self.spec, &mut self.knowledge, &mut self.searches, trials);
+        walk.ensure(room, state, planned);
+        let next =
+            if is_exhausted { NextPoint::Wait } else { walk.next_point((room, &shares), state, planned) };
+        if let NextPoint::Measure(point, configuration) = next {
+            return Explored::Candidate(walk.measure(state, number, point, configuration));
+        }
+        let exploiting = self.exploiting(planned);
         let mut rule = match next {
-            NextPoint::Measure(point, configuration) => {
-                return Explored::Candidate(self.walk().measure(state, number, point, configuration));
-            }
-            NextPoint::Wait if is_exhausted => match self.repeats().contender_again(room, state) {
+            _ if is_exhausted => match Repeats::of(&exploiting, &self.knowledge).contender_again(room, state)
+            {
                 Some(candidate) => return Explored::Candidate(candidate),
-                None if self.standings().is_spent_within(room, state) => ExploitRule::Finished,
+                None if exploiting.standings.is_spent_within(room, state) => ExploitRule::Finished,
                 None => ExploitRule::Waiting,
             },
-            NextPoint::OnlyKnown => match unseen(&self.transfer(), state, number) {
+            NextPoint::OnlyKnown => match unseen(&exploiting.transfer, state, number) {
                 Some(configuration) => {
                     let point = decision::ExploredPoint::Random;
                     let candidate = ProposedTrial { configuration, predicted_cost: None, point };
@@ -84,8 +86,8 @@ impl Tuner {
                 }
                 None => ExploitRule::Finished,
             },
-            NextPoint::Wait if self.standings().is_over(room, state) => ExploitRule::Finished,
-            NextPoint::Wait => ExploitRule::Waiting,
+            _ if exploiting.standings.is_over(room, state) => ExploitRule::Finished,
+            _ => ExploitRule::Waiting,
         };
         if rule == ExploitRule::Finished {
             if let Some(candidate) = self.racing().confirm(state, number, planned) {
@@ -98,8 +100,8 @@ impl Tuner {
         let exploiting = self.exploiting(planned);
         let best = exploiting.best_known(state, None);
         let instead = best.unwrap_or_else(|| exploiting.measured_answer(normalised, Some(state)));
-        let instead =
-            exploiting.beside_start(instead, checks::start_of(&self.spec.space, ask).as_ref(), Some(state));
+        let start = checks::start_of(&self.spec.space, ask);
+        let instead = exploiting.beside_start(instead, start.as_ref(), Some(state));
         Explored::Nothing { instead, rule }
     }
 
@@ -117,7 +119,9 @@ impl Tuner {
         let is_limited = policy.regret_budget.is_some() || is_stopped;
         let goes_on = self.knowledge.states.results(state).tried() < policy.trials_per_state as usize;
         let explores = trial.decision.explores() && goes_on && !is_limited;
-        explores.then(|| drawn(&self.transfer(), state, TrialNumber(trial.number), of)).flatten()
+        explores
+            .then(|| drawn(&self.exploiting(&Planned::AtOnce).transfer, state, TrialNumber(trial.number), of))
+            .flatten()
     }
 }
 

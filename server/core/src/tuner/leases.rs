@@ -61,7 +61,8 @@ impl Tuner {
                 return self.take(&completed);
             }
         }
-        let expired = self.take_back(number, TrialState::Expired);
+        let ended = self.clients.end(number);
+        let expired = ended.map(|trial| self.racing().take_back(trial, TrialState::Expired));
         Change { trials: expired.into_iter().collect(), ..Change::default() }
     }
 }

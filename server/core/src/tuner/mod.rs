@@ -253,7 +253,8 @@ impl Tuner {
         let number = trial.number;
         if let Some(state) = self.clients.trials.get(TrialNumber(number)).map(|open| StateId(open.state_id)) {
             let before = self.searches.changes(state);
-            let abandoned = self.take_back(TrialNumber(number), TrialState::Abandoned);
+            let ended = self.clients.end(TrialNumber(number));
+            let abandoned = ended.map(|trial| self.racing().take_back(trial, TrialState::Abandoned));
             let mut change = Change { trials: abandoned.into_iter().collect(), ..Change::default() };
             assert_eq!(change.trials.len(), 1, "trial {number} was open");
             if self.searches.changes(state) != before {

@@ -31,9 +31,11 @@ impl Tuner {
         let wishes = self.wishes(&ask.session_policy);
         let explores = wishes.foretold(ask, here, &self.clients)?;
         let (machines, machine) = machines_of(&self.knowledge.states.machines, ask.fingerprint.as_ref());
-        let (ahead, standings) = (Planned::Ahead(Box::default()), self.standings());
-        let transfer = Transfer { asking: Some((&machines, machine)), ..self.transfer() };
-        let exploiting = Exploiting { transfer, ..self.exploiting(&ahead) };
+        let ahead = Planned::Ahead(Box::default());
+        let exploiting = self.exploiting(&ahead);
+        let standings = exploiting.standings;
+        let transfer = Transfer { asking: Some((&machines, machine)), ..exploiting.transfer };
+        let exploiting = Exploiting { transfer, ..exploiting };
         let query = || transfer.query(normalised, here);
         let number = self.clients.trials.last().next();
         let first = || transfer.models.predictors.proposal(policy.predictor, &query(), number.0);

@@ -44,14 +44,6 @@ impl Tuner {
         }
         change
     }
-
-    /// Takes an open trial out unmeasured and gives its point back.
-    pub(super) fn take_back(&mut self, number: TrialNumber, state: TrialState) -> Option<Trial> {
-        let mut trial = self.clients.end(number)?;
-        trial.state = state;
-        self.racing().release(&trial, None);
-        Some(trial)
-    }
 }
 
 /// A trial with its result, which the caller has checked.

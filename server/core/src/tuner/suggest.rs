@@ -2,7 +2,6 @@
 
 use crate::decision::{BudgetStatus, Choice, Decision, ExploitRule, ExplorationEstimate, ExploreRule};
 use crate::ids::{StateId, TrialNumber};
-use crate::limits::{STATES_MAX, STATES_OF_NEW_MACHINES_MAX};
 use crate::policy::Operation;
 use crate::trial::{Trial, TrialState};
 use crate::tuner::plan::Planned;
@@ -20,21 +19,16 @@ impl Tuner {
     ) -> Result<(Trial, Change), TunerError> {
         let Question { ask, normalised, state: found } = question;
         planned.keep_in(&mut self.knowledge.assessments);
-        if found.is_none() && self.knowledge.states.len() >= STATES_MAX + STATES_OF_NEW_MACHINES_MAX {
-            return Err(TunerError::TooManyStates);
-        }
+        self.knowledge.check_room(found)?;
         self.clients.check_room(&ask.client_id, found)?;
         // From here on nothing fails.
         let state = found.unwrap_or_else(|| {
             self.searches.found(None);
             self.knowledge.found(normalised.clone(), ask.fingerprint.as_ref())
         });
-        let mut change = Change::default();
         let changes_before = self.searches.changes(state);
-        if let Some(lost) = self.lose_to_restart(ask, state, now_ms) {
-            change.trials.extend(lost.trials);
-            change.visits.extend(lost.visits);
-        }
+        let lost = self.lose_to_restart(ask, state, now_ms).unwrap_or_default();
+        let mut change = Change { states: Vec::new(), ..lost };
         let visit_before = self.clients.visits.of(&ask.client_id).cloned();
         let fixed = wanted.or_else(|| self.exploiting(&planned).in_shadow(ask, &normalised, state));
         if fixed.is_none() {
@@ -56,7 +50,9 @@ impl Tuner {
             }
             stale => {
                 if let Some((number, _)) = stale {
-                    change.trials.extend(self.take_back(number, TrialState::Abandoned));
+                    let ended = self.clients.end(number);
+                    let abandoned = ended.map(|trial| self.racing().take_back(trial, TrialState::Abandoned));
+                    change.trials.extend(abandoned);
                 }
                 let number = self.clients.trials.last().next();
                 let mut prediction = match fixed {
@@ -68,9 +64,9 @@ impl Tuner {
             }
         };
         change.trials.push(trial.expect("a held trial is open"));
-        let visit = self.clients.visits.of(&ask.client_id);
-        let visit = visit.filter(|visit| Some(*visit) != visit_before.as_ref());
-        if let Some(visit) = visit {
+        if let Some(visit) = self.clients.visits.of(&ask.client_id)
+            && visit_before.as_ref() != Some(visit)
+        {
             change.visits.retain(|earlier| earlier.client_id != visit.client_id);
             change.visits.push(visit.clone());
         }

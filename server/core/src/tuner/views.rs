@@ -1,7 +1,7 @@
 //! Views of the tuner: its parts joined for one step each, and those for its caller.
 
 use crate::session::SessionPolicy;
-use crate::tuner::exploring::{Exploiting, Racing, Repeats, Standings, Transfer, Walk, Wishes};
+use crate::tuner::exploring::{Exploiting, Racing, Standings, Transfer, Wishes};
 use crate::tuner::knowledge::Knowledge;
 use crate::tuner::plan::Planned;
 use crate::tuner::{StudyCounts, Tuner};
@@ -27,33 +27,14 @@ impl Tuner {
         Racing { spec, states, searches, assessments }
     }
 
-    pub(super) fn repeats(&self) -> Repeats<'_> {
-        let Knowledge { speeds, rechecks, auxiliaries, .. } = &self.knowledge;
-        Repeats { standings: self.standings(), transfer: self.transfer(), speeds, rechecks, auxiliaries }
-    }
-
-    pub(super) fn walk(&mut self) -> Walk<'_> {
-        let Tuner { spec, knowledge: Knowledge { states, models, .. }, searches, clients } = self;
-        let trials = &clients.trials;
-        Walk { spec, states, searches, trials, models }
-    }
-
     pub(super) fn exploiting<'a>(&'a self, planned: &'a Planned) -> Exploiting<'a> {
-        Exploiting {
-            standings: self.standings(),
-            gain: self.knowledge.gain(&self.spec.policy),
-            transfer: self.transfer(),
-            planned,
-        }
+        let Tuner { spec, knowledge, clients, searches } = self;
+        let (Knowledge { states, models, .. }, trials) = (knowledge, &clients.trials);
+        let transfer = Transfer { spec, states, searches, trials, models, asking: None };
+        Exploiting { standings: self.standings(), gain: knowledge.gain(&spec.policy), transfer, planned }
     }
 
     pub(super) fn wishes<'a>(&'a self, session: &'a SessionPolicy) -> Wishes<'a> {
         Wishes { session, standings: self.standings(), gain: self.knowledge.gain(&self.spec.policy) }
-    }
-
-    pub(super) fn transfer(&self) -> Transfer<'_> {
-        let Tuner { spec, knowledge: Knowledge { states, models, .. }, searches, clients } = self;
-        let trials = &clients.trials;
-        Transfer { spec, states, searches, trials, models, asking: None }
     }
 }

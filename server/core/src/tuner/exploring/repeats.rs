@@ -6,10 +6,11 @@ use crate::decision;
 use crate::ids::StateId;
 use crate::results::Record;
 use crate::search::Step;
+use crate::tuner::exploring::exploiting::Exploiting;
 use crate::tuner::exploring::few;
 use crate::tuner::exploring::standings::Standings;
 use crate::tuner::exploring::transfer::Transfer;
-use crate::tuner::knowledge::{Auxiliaries, Rechecks, Speeds};
+use crate::tuner::knowledge::{Auxiliaries, Knowledge, Rechecks, Speeds};
 use crate::tuner::proposal::ProposedTrial;
 
 /// Where another configuration beats an incumbent of other states, the incumbent is measured again after
@@ -38,14 +39,20 @@ const LEADERS_SHARE: f64 = 0.3;
 /// The knowledge that says which configurations are measured again.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Repeats<'a> {
-    pub(crate) standings: Standings<'a>,
-    pub(crate) transfer: Transfer<'a>,
-    pub(crate) speeds: &'a Speeds,
-    pub(crate) rechecks: &'a Rechecks,
-    pub(crate) auxiliaries: &'a Auxiliaries,
+    standings: Standings<'a>,
+    transfer: Transfer<'a>,
+    speeds: &'a Speeds,
+    rechecks: &'a Rechecks,
+    auxiliaries: &'a Auxiliaries,
 }
 
-impl Repeats<'_> {
+impl<'a> Repeats<'a> {
+    pub(crate) fn of(exploiting: &Exploiting<'a>, knowledge: &'a Knowledge) -> Self {
+        let Exploiting { standings, transfer, .. } = *exploiting;
+        let Knowledge { speeds, rechecks, auxiliaries, .. } = knowledge;
+        Repeats { standings, transfer, speeds, rechecks, auxiliaries }
+    }
+
     /// The incumbent, where it is to be measured again while others are explored, because it shows the speed
     /// of the client's machine. An incumbent of other states that does badly here is measured again soon, so
     /// that it gives way. One whose single cost may be far too low is measured again where all others were

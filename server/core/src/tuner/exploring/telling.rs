@@ -5,7 +5,7 @@ use crate::ids::StateId;
 use crate::objective::Objective;
 use crate::results::Record;
 use crate::search::{Feedback, Step, Verdict};
-use crate::trial::{Outcome, Trial};
+use crate::trial::{Outcome, Trial, TrialState};
 use crate::tuner::Exploration;
 use crate::tuner::exploring::confirmation::Racing;
 use crate::tuner::exploring::searches::is_spent;
@@ -75,8 +75,15 @@ impl Racing<'_> {
         }
     }
 
+    /// Gives back the point of a trial that has ended unmeasured, in this state.
+    pub(crate) fn take_back(&mut self, mut trial: Trial, state: TrialState) -> Trial {
+        trial.state = state;
+        self.release(&trial, None);
+        trial
+    }
+
     /// Ends a trial's hold on a point of its state's search, or on a contender of its race.
-    pub(crate) fn release(&mut self, trial: &Trial, feedback: Option<Feedback>) {
+    fn release(&mut self, trial: &Trial, feedback: Option<Feedback>) {
         let state = StateId(trial.state_id);
         let holds = |own: &Exploration| own.open.contains_key(&trial.number) || own.confirms(trial.number);
         if !self.searches.of(state).is_some_and(holds) {

@@ -15,7 +15,7 @@ use crate::tuner::Exploration;
 use crate::tuner::clients::OpenTrials;
 use crate::tuner::exploring::searches::{Searches, is_spent};
 use crate::tuner::exploring::transfer::Transfer;
-use crate::tuner::knowledge::{Models, States};
+use crate::tuner::knowledge::{Knowledge, Models, States};
 use crate::tuner::plan::Planned;
 use crate::tuner::proposal::ProposedTrial;
 
@@ -35,14 +35,24 @@ pub(crate) enum NextPoint {
 /// The searches of all states, to be walked along.
 #[derive(Debug)]
 pub(crate) struct Walk<'a> {
-    pub(crate) spec: &'a Arc<StudySpec>,
-    pub(crate) states: &'a mut States,
-    pub(crate) searches: &'a mut Searches,
-    pub(crate) trials: &'a OpenTrials,
-    pub(crate) models: &'a Models,
+    spec: &'a Arc<StudySpec>,
+    states: &'a mut States,
+    searches: &'a mut Searches,
+    trials: &'a OpenTrials,
+    models: &'a Models,
 }
 
-impl Walk<'_> {
+impl<'a> Walk<'a> {
+    pub(crate) fn of(
+        spec: &'a Arc<StudySpec>,
+        knowledge: &'a mut Knowledge,
+        searches: &'a mut Searches,
+        trials: &'a OpenTrials,
+    ) -> Self {
+        let Knowledge { states, models, .. } = knowledge;
+        Walk { spec, states, searches, trials, models }
+    }
+
     fn transfer(&self) -> Transfer<'_> {
         let Walk { spec, trials, models, .. } = *self;
         Transfer { spec, states: &*self.states, searches: &*self.searches, trials, models, asking: None }

@@ -32,6 +32,7 @@ use serde::{Deserialize, Serialize};
 use crate::configuration::{Configuration, unchecked};
 use crate::ids::StateId;
 use crate::indicator::IndicatorSchema;
+use crate::limits::{STATES_MAX, STATES_OF_NEW_MACHINES_MAX};
 use crate::policy::{Policy, PredictorMethod};
 use crate::predict::prequential::ErrorInterval;
 use crate::predict::{ComputedUpdates, DeferredUpdates};
@@ -87,6 +88,12 @@ impl Knowledge {
             last_completion: 0,
             states,
         }
+    }
+
+    /// Whether a question's state was `found`, or another one can be founded.
+    pub(crate) fn check_room(&self, found: Option<StateId>) -> Result<(), TunerError> {
+        let is_full = self.states.len() >= STATES_MAX + STATES_OF_NEW_MACHINES_MAX;
+        if found.is_none() && is_full { Err(TunerError::TooManyStates) } else { Ok(()) }
     }
 
     /// Founds a state of a machine with these indicators as its anchor.

@@ -6,6 +6,7 @@ use rand_chacha::ChaCha8Rng;
 use super::*;
 use crate::session::SessionPolicy;
 use crate::trial::Fingerprint;
+use crate::tuner::plan::Planned;
 
 /// A machine of a simulated fleet.
 #[derive(Clone, Copy)]
@@ -282,7 +283,12 @@ fn other_states_hear_of_what_was_dear_once() {
     }
     tuner.knowledge.states.note_search(StateId(1));
     let there = StateId(suggest(&mut tuner, "b", 0.9, 0.5).state_id);
-    let start = tuner.transfer().evidence(there).beginning(&space).expect("a state was searched");
+    let start = tuner
+        .exploiting(&Planned::AtOnce)
+        .transfer
+        .evidence(there)
+        .beginning(&space)
+        .expect("a state was searched");
     let layout = crate::search::Layout::of(&space);
     let better = space.decode(&start.main_effects.descend(&layout, &space.encode(&dear[0].0)));
     assert_ne!(better.get("width"), Some(&Value::Integer(4)), "{better:?}");
@@ -299,6 +305,10 @@ fn what_was_dear_here_once_is_no_answer_of_other_machines() {
     costs[2].1 = 2000.0;
     tell(&mut tuner, &Node::like(16, 1.0).ask(), &costs);
     let dear = tuner.spec().space.decode(&[0.9, 0.1, 0.2, costs[2].0]);
-    let answer = tuner.transfer().best_by_machines(StateId(3)).map(|answer| answer.configuration);
+    let answer = tuner
+        .exploiting(&Planned::AtOnce)
+        .transfer
+        .best_by_machines(StateId(3))
+        .map(|answer| answer.configuration);
     assert_ne!(answer, Some(dear));
 }

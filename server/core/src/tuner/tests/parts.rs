@@ -60,10 +60,12 @@ fn a_state_is_untouched_until_something_runs_in_it() {
     let trial = suggest(&mut tuner, "b", 0.9, 0.5);
     let (here, there) = (StateId(trial.state_id), StateId(1));
     assert_ne!(here, there);
-    assert!(!tuner.transfer().is_untouched(here), "it is being measured in");
-    assert!(!tuner.transfer().is_untouched(there));
+    assert!(!tuner.exploiting(&Planned::AtOnce).transfer.is_untouched(here), "it is being measured in");
+    assert!(!tuner.exploiting(&Planned::AtOnce).transfer.is_untouched(there));
     // Where something is known, nothing is proposed to begin with.
-    assert!(tuner.transfer().first(there, 99, &[0.1, 0.5], &Planned::AtOnce).is_none());
+    assert!(
+        tuner.exploiting(&Planned::AtOnce).transfer.first(there, 99, &[0.1, 0.5], &Planned::AtOnce).is_none()
+    );
     let query = tuner.knowledge.states.query(&tuner.spec.space, &[0.9, 0.5], Some(here));
     let answer = tuner.knowledge.models.predictors.predict(PredictorMethod::Contextual, &query);
     let (answer, method) = answer.expect("another state is known");
@@ -74,12 +76,12 @@ fn a_state_is_untouched_until_something_runs_in_it() {
 #[test]
 fn exploiting_asks_a_predictor_until_the_states_own_search_is_over() {
     let mut tuner = tuner(Policy { trials_per_state: 6, ..explore_always() });
-    assert!(tuner.transfer().needs_predictor(None), "a state that nobody has met");
+    assert!(tuner.exploiting(&Planned::AtOnce).transfer.needs_predictor(None), "a state that nobody has met");
     run(&mut tuner, "a", 0.1, 0.5, 3);
-    assert!(tuner.transfer().needs_predictor(Some(StateId(1))));
+    assert!(tuner.exploiting(&Planned::AtOnce).transfer.needs_predictor(Some(StateId(1))));
     run(&mut tuner, "a", 0.1, 0.5, 12);
     assert!(tuner.knowledge.states.results(StateId(1)).tried() >= 6);
-    assert!(!tuner.transfer().needs_predictor(Some(StateId(1))));
+    assert!(!tuner.exploiting(&Planned::AtOnce).transfer.needs_predictor(Some(StateId(1))));
 }
 
 #[test]
@@ -143,13 +145,22 @@ fn models_learn_what_a_trial_would_have_cost_on_the_first_machine() {
 #[test]
 fn a_portfolio_begins_where_most_states_near_by_were_searched() {
     let mut tuner = tuner(Policy { search: SearchMethod::Model, ..explore_always() });
-    assert!(!tuner.transfer().begins_with_portfolio(&[0.5, 0.5], None), "nothing is near by");
+    assert!(
+        !tuner.exploiting(&Planned::AtOnce).transfer.begins_with_portfolio(&[0.5, 0.5], None),
+        "nothing is near by"
+    );
     run(&mut tuner, "a", 0.1, 0.5, 8);
-    assert!(tuner.transfer().begins_with_portfolio(&[0.5, 0.5], None));
-    assert!(!tuner.transfer().begins_with_portfolio(&[0.1, 0.5], Some(StateId(1))), "itself does not count");
+    assert!(tuner.exploiting(&Planned::AtOnce).transfer.begins_with_portfolio(&[0.5, 0.5], None));
+    assert!(
+        !tuner.exploiting(&Planned::AtOnce).transfer.begins_with_portfolio(&[0.1, 0.5], Some(StateId(1))),
+        "itself does not count"
+    );
     run(&mut tuner, "b", 0.6, 0.5, 1);
-    assert!(!tuner.transfer().begins_with_portfolio(&[0.5, 0.5], None), "one of two is no majority");
-    let neighbours = tuner.transfer().neighbours(StateId(2));
+    assert!(
+        !tuner.exploiting(&Planned::AtOnce).transfer.begins_with_portfolio(&[0.5, 0.5], None),
+        "one of two is no majority"
+    );
+    let neighbours = tuner.exploiting(&Planned::AtOnce).transfer.neighbours(StateId(2));
     assert_eq!(neighbours.iter().map(|near| near.state_id).collect::<Vec<_>>(), [1], "not its own neighbour");
     let mut deaf = super::tuner(Policy { search: SearchMethod::Random, ..explore_always() });
     run(&mut deaf, "a", 0.1, 0.5, 8);
