@@ -61,7 +61,7 @@ impl Tuner {
             return Explored::Candidate(candidate);
         }
         let is_exhausted = self.searches.few().is_exhausted(self.knowledge.states.results(state));
-        let shares = self.wishes(&ask.session_policy).open_levels(ask.fidelities);
+        let shares = exploiting.wishes(&ask.session_policy).open_levels(ask.fidelities);
         let trials = &self.clients.trials;
         let mut walk = Walk::of(&self.spec, &mut self.knowledge, &mut self.searches, trials);
         walk.ensure(room, state, planned);

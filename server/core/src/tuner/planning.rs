@@ -28,11 +28,11 @@ impl Tuner {
         if policy.pinned.is_some() {
             return None;
         }
-        let wishes = self.wishes(&ask.session_policy);
-        let explores = wishes.foretold(ask, here, &self.clients)?;
-        let (machines, machine) = machines_of(&self.knowledge.states.machines, ask.fingerprint.as_ref());
         let ahead = Planned::Ahead(Box::default());
         let exploiting = self.exploiting(&ahead);
+        let wishes = exploiting.wishes(&ask.session_policy);
+        let explores = wishes.foretold(ask, here, &self.clients)?;
+        let (machines, machine) = machines_of(&self.knowledge.states.machines, ask.fingerprint.as_ref());
         let standings = exploiting.standings;
         let transfer = Transfer { asking: Some((&machines, machine)), ..exploiting.transfer };
         let exploiting = Exploiting { transfer, ..exploiting };

@@ -32,16 +32,17 @@ impl Tuner {
         let visit_before = self.clients.visits.of(&ask.client_id).cloned();
         let fixed = wanted.or_else(|| self.exploiting(&planned).in_shadow(ask, &normalised, state));
         if fixed.is_none() {
-            let wishes = self.wishes(&ask.session_policy);
+            let exploiting = self.exploiting(&planned);
+            let wishes = exploiting.wishes(&ask.session_policy);
             if let Some(number) = wishes.decides(ask, Some(state), &self.clients.visits) {
-                let exploiting = self.exploiting(&planned);
                 let decision = wishes.decide(&exploiting, ask, number, &normalised, state);
                 change.forgotten.extend(self.clients.visit(&ask.client_id, state, number, decision));
             }
             self.clients.visits.keep_account(ask, &self.spec.policy, state, self.clients.trials.last());
         }
         let held = self.clients.trials.of_client(&ask.client_id, state);
-        let (wishes, visits) = (self.wishes(&ask.session_policy), &self.clients.visits);
+        let wishes = self.exploiting(&planned).wishes(&ask.session_policy);
+        let visits = &self.clients.visits;
         let is_wanted = |trial| wishes.still_wants(ask, trial, fixed.as_ref(), visits);
         let held = held.map(|trial| (TrialNumber(trial.number), is_wanted(trial)));
         let trial = match held {
@@ -88,7 +89,7 @@ impl Tuner {
         state: StateId,
         planned: &mut Planned,
     ) -> Prediction {
-        let wishes = self.wishes(&ask.session_policy);
+        let wishes = self.exploiting(planned).wishes(&ask.session_policy);
         if let Some(first) = wishes.start_first(ask, state, &self.clients) {
             return first;
         }
@@ -114,7 +115,8 @@ impl Tuner {
             return known.by(ExploitRule::Frozen, ExplorationEstimate::default(), BudgetStatus::default());
         }
         let mut prediction = self.explore_within_budget(ask, number, normalised, state, decided, planned);
-        if let Some(level) = self.wishes(&ask.session_policy).cheaper_level(ask.fidelities, number, state)
+        let wishes = self.exploiting(planned).wishes(&ask.session_policy);
+        if let Some(level) = wishes.cheaper_level(ask.fidelities, number, state)
             && let Choice::Explore(explore) = &mut prediction.decision.choice
         {
             // A cost at another level says nothing of the reference.

@@ -1,7 +1,6 @@
 //! Views of the tuner: its parts joined for one step each, and those for its caller.
 
-use crate::session::SessionPolicy;
-use crate::tuner::exploring::{Exploiting, Racing, Standings, Transfer, Wishes};
+use crate::tuner::exploring::{Exploiting, Racing, Standings, Transfer};
 use crate::tuner::knowledge::Knowledge;
 use crate::tuner::plan::Planned;
 use crate::tuner::{StudyCounts, Tuner};
@@ -32,9 +31,5 @@ impl Tuner {
         let (Knowledge { states, models, .. }, trials) = (knowledge, &clients.trials);
         let transfer = Transfer { spec, states, searches, trials, models, asking: None };
         Exploiting { standings: self.standings(), gain: knowledge.gain(&spec.policy), transfer, planned }
-    }
-
-    pub(super) fn wishes<'a>(&'a self, session: &'a SessionPolicy) -> Wishes<'a> {
-        Wishes { session, standings: self.standings(), gain: self.knowledge.gain(&self.spec.policy) }
     }
 }

@@ -33,7 +33,8 @@ impl Tuner {
         decided: ExploreBasis,
         planned: &mut Planned,
     ) -> Prediction {
-        let (policy, room) = (&self.spec.policy, self.wishes(&ask.session_policy).room());
+        let room = self.exploiting(planned).wishes(&ask.session_policy).room();
+        let policy = &self.spec.policy;
         let (Some(terms), Some(account)) = (Terms::of(policy), self.clients.visits.account(&ask.client_id))
         else {
             let own = ask.session_policy.abort_above.or(policy.abort_above);

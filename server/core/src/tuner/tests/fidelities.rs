@@ -4,6 +4,7 @@ use proptest::prelude::*;
 
 use super::*;
 use crate::objective::MeasurementLimit;
+use crate::tuner::plan::Planned;
 
 fn climber(policy: Policy) -> Tuner {
     Tuner::new(Arc::new(with_levels(spec(policy)))).expect("valid")
@@ -140,7 +141,8 @@ fn a_client_that_knows_levels_no_more_gets_a_full_trial() {
     let wanted =
         Prediction { configuration, predicted_cost: None, decision: decision.clone(), insight: None };
     let (ask, visits) = (knowing(), &tuner.clients.visits);
-    let wishes = tuner.wishes(&ask.session_policy);
+    let at_once = Planned::AtOnce;
+    let wishes = tuner.exploiting(&at_once).wishes(&ask.session_policy);
     let fits =
         |decision| wishes.still_wants(&ask, &Trial { decision, ..full.clone() }, Some(&wanted), visits);
     assert_eq!([fits(decision), fits(adopted)], [true, false]);
