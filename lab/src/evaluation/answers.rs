@@ -250,7 +250,7 @@ impl Service {
             for (configuration, verdict) in school.lessons(search)? {
                 let (measured, outcome) = told(verdict);
                 now_ms += 1;
-                let brought = tuner.suggest_wanted(&ask, configuration.to_raw(), now_ms);
+                let brought = tuner.suggest_wanted(&ask, configuration.to_raw(), None, now_ms);
                 let (open, _) = brought.map_err(not_judged)?;
                 let (_, _) = tuner.report(&open, measured, outcome, now_ms).map_err(not_judged)?;
             }

@@ -234,7 +234,7 @@ impl Live {
         assert!(suggest.ask.origin.is_none() || wanted.is_some(), "an origin of what is not decided yet");
         if let Some(wanted) = wanted {
             debug_assert!(prepared.plan.is_none(), "a wish needs no plan");
-            return Ok(self.tuner.suggest_wanted(ask, wanted.clone(), now_ms));
+            return Ok(self.tuner.suggest_wanted(ask, wanted.clone(), None, now_ms));
         }
         let may_plan = |state| self.planned_searches.is_free(state);
         match self.tuner.suggest_step(ask, prepared.plan, may_plan, now_ms) {

@@ -210,7 +210,8 @@ impl Live {
             if trial.number > last {
                 self.tuner.clients_mut().forgo(&trial);
             }
-            let instead = self.tuner.suggest_chosen(&suggest.ask.at(now_ms), chosen, Some(said), now_ms);
+            let instead =
+                self.tuner.suggest_wanted(&suggest.ask.at(now_ms), chosen.into(), Some(said), now_ms);
             // The first answer is not stored, so the copy in memory is ahead of the database.
             let (trial, further) = instead.inspect_err(|_| self.fence().break_up())?;
             change.trials.extend(further.trials);

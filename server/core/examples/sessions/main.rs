@@ -149,7 +149,7 @@ impl Session {
         let answer = if wants {
             let x: Vec<f64> = (0..6).map(|_| self.random.random()).collect();
             let wanted = self.tuner.spec().space.decode(&x).to_raw();
-            self.tuner.suggest_wanted(&ask, wanted, self.now_ms)
+            self.tuner.suggest_wanted(&ask, wanted, None, self.now_ms)
         } else if self.apart {
             let spec = Arc::clone(self.tuner.spec());
             if let Some(updates) = self.tuner.knowledge().deferred_updates() {

@@ -61,7 +61,7 @@ pub use types::{
     StateRecord, StudyCounts, TunerError, Visit, VisitDecision,
 };
 
-use crate::configuration::{Configuration, RawConfiguration};
+use crate::configuration::RawConfiguration;
 use crate::decision::{Choice, Decision};
 use crate::ids::{StateId, TrialNumber};
 use crate::objective::check_report;
@@ -167,31 +167,21 @@ impl Tuner {
         self.answer(question, Prediction::pinned(&self.spec.policy), planned, now_ms).map(DecisionStep::Done)
     }
 
-    /// Hands out a trial of a configuration that the client wants to measure, as if the policy pinned it for
-    /// this one question. The client's visit and the state's search stay as they are.
+    /// Hands out a trial of a configuration that the client wants to measure, or that the caller chose for
+    /// it, as if the policy pinned it for this one question. `said` are the words that say why. The client's
+    /// visit and the state's search stay as they are.
     pub fn suggest_wanted(
         &mut self,
         ask: &Ask,
         wanted: RawConfiguration,
-        now_ms: i64,
-    ) -> Result<(Trial, Change), TunerError> {
-        let configuration = self.spec.space.configuration(wanted)?;
-        self.suggest_chosen(ask, configuration, None, now_ms)
-    }
-
-    /// [`Tuner::suggest_wanted`] of a configuration of the study's space that the caller chose, and the words
-    /// that say why.
-    pub fn suggest_chosen(
-        &mut self,
-        ask: &Ask,
-        configuration: Configuration,
         said: Option<String>,
         now_ms: i64,
     ) -> Result<(Trial, Change), TunerError> {
+        let configuration = self.spec.space.configuration(wanted)?;
         let question = self.question(ask)?;
         let decision = Decision { origin: ask.origin.clone(), said, ..Choice::Wanted.decided() };
-        let chosen = Prediction { configuration, predicted_cost: None, decision, insight: None };
-        self.answer(question, Some(chosen), Planned::AtOnce, now_ms)
+        let wanted = Prediction { configuration, predicted_cost: None, decision, insight: None };
+        self.answer(question, Some(wanted), Planned::AtOnce, now_ms)
     }
 
     // Report, and the other ends of a trial.

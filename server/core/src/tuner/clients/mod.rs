@@ -55,7 +55,7 @@ impl Clients {
     }
 
     /// Charges nothing for a trial that was just handed out and that its client never hears of, because it
-    /// gets [another](crate::tuner::Tuner::suggest_chosen).
+    /// gets [another](crate::tuner::Tuner::suggest_wanted).
     pub fn forgo(&mut self, trial: &Trial) {
         if let Some(account) = self.visits.account_mut(&trial.client_id) {
             account.forgo(trial.number);

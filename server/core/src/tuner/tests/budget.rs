@@ -104,7 +104,7 @@ fn a_trial_that_its_client_never_hears_of_is_not_charged() {
     assert!(now_left(&tuner) < left, "it is set aside");
     tuner.clients.forgo(&trial);
     let default = tuner.spec.space.default_configuration();
-    let (instead, change) = tuner.suggest_chosen(&question, default, None, 0).expect("valid");
+    let (instead, change) = tuner.suggest_wanted(&question, default.to_raw(), None, 0).expect("valid");
     assert!(change.trials.iter().any(|one| one.number == trial.number && one.state != TrialState::Open));
     assert!(instead.number > trial.number && change.visits.len() == 1);
     assert!((now_left(&tuner) - left).abs() < 1e-9, "{} of {left} are left", now_left(&tuner));
@@ -139,7 +139,7 @@ fn race(frames: u32, cost_of: impl Fn(u32) -> f64, mut look: impl FnMut(&Trial, 
             own.confirmed = incumbent.clone().map(Stored);
             for _ in 0..2 {
                 let wanted = trial.configuration.to_raw();
-                let wanted = tuner.suggest_wanted(&ask("w", 0.5, 0.5), wanted, 0).expect("valid").0;
+                let wanted = tuner.suggest_wanted(&ask("w", 0.5, 0.5), wanted, None, 0).expect("valid").0;
                 assert!(tuner.report(&wanted, measured(30.0), Outcome::Ok, 1).is_ok());
             }
         }

@@ -107,7 +107,7 @@ fn what_crashed_beside_the_search_does_not_run_at_a_level() {
     let design = next(&mut plain);
     assert_eq!(design.decision.fidelity.as_deref(), Some("16"));
     let wanted = design.configuration.to_raw();
-    let crashes = tuner.suggest_wanted(&ask("b", 0.5, 0.5), wanted, 0).expect("valid").0;
+    let crashes = tuner.suggest_wanted(&ask("b", 0.5, 0.5), wanted, None, 0).expect("valid").0;
     assert!(tuner.report(&crashes, BTreeMap::new(), infeasible(), 1).is_ok());
     assert_ne!(next(&mut tuner).configuration, design.configuration);
 }

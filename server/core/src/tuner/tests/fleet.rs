@@ -220,7 +220,8 @@ fn what_fails_on_the_nearest_relation_is_no_answer_of_machines() {
             [(space.default_ref(), Outcome::Ok, 20.0), (&other, Outcome::Ok, 12.0), (&best, outcome, 10.0)];
         for (configuration, outcome, cost) in runs {
             for _ in 0..2 {
-                let trial = tuner.suggest_wanted(&node.ask(), configuration.to_raw(), 0).expect("valid").0;
+                let trial =
+                    tuner.suggest_wanted(&node.ask(), configuration.to_raw(), None, 0).expect("valid").0;
                 assert!(tuner.report(&trial, measured(cost), outcome.clone(), 1).is_ok());
             }
         }
@@ -237,7 +238,7 @@ fn tell(tuner: &mut Tuner, ask: &Ask, costs: &[(f64, f64)]) {
     let space = tuner.spec().space.clone();
     for (travel, cost) in costs {
         let configuration = space.decode(&[0.9, 0.1, 0.2, *travel]);
-        let trial = tuner.suggest_wanted(ask, configuration.to_raw(), 0).expect("valid").0;
+        let trial = tuner.suggest_wanted(ask, configuration.to_raw(), None, 0).expect("valid").0;
         assert!(tuner.report(&trial, measured(*cost), Outcome::Ok, 1).is_ok());
     }
 }
@@ -278,7 +279,8 @@ fn other_states_hear_of_what_was_dear_once() {
     let usual = USUAL.map(|(travel, cost)| (of(0.9, travel), cost));
     let dear = [0.3, 0.6].map(|travel| (of(0.5, travel), 500.0));
     for (configuration, cost) in usual.into_iter().chain(dear.clone()) {
-        let trial = tuner.suggest_wanted(&ask("a", 0.1, 0.5), configuration.to_raw(), 0).expect("valid").0;
+        let trial =
+            tuner.suggest_wanted(&ask("a", 0.1, 0.5), configuration.to_raw(), None, 0).expect("valid").0;
         assert!(tuner.report(&trial, measured(cost), Outcome::Ok, 1).is_ok());
     }
     tuner.knowledge.states.note_search(StateId(1));

@@ -158,7 +158,7 @@ fn a_lucky_single_of_a_known_state_is_no_answer_of_a_new_one() {
             assert!(tuner.report(&trial, measured(cost), Outcome::Ok, 1).is_ok());
         }
         let lucky = tuner.spec().space.decode(&[0.9, 0.3, 0.6, 0.77]);
-        let trial = tuner.suggest_wanted(&ask("w", 0.2, 0.5), lucky.to_raw(), 0).expect("valid").0;
+        let trial = tuner.suggest_wanted(&ask("w", 0.2, 0.5), lucky.to_raw(), None, 0).expect("valid").0;
         assert!(tuner.report(&trial, measured(20.0), Outcome::Ok, 1).is_ok());
         let luckiest =
             tuner.knowledge.states.results(StateId(1)).best().map(|record| record.configuration.clone());

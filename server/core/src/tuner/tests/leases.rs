@@ -185,7 +185,7 @@ fn a_crash_after_a_success_is_a_failure_and_many_are_not() {
     let trials = run(&mut tuner, "a", 0.5, 0.5, 12);
     let best = trials.iter().min_by(|a, b| cost(a).total_cmp(&cost(b))).expect("some").configuration.clone();
     let wanted = |tuner: &mut Tuner, outcome: Outcome| {
-        let trial = tuner.suggest_wanted(&ask("w", 0.5, 0.5), best.to_raw(), 0).expect("valid").0;
+        let trial = tuner.suggest_wanted(&ask("w", 0.5, 0.5), best.to_raw(), None, 0).expect("valid").0;
         finish(tuner, &trial, outcome);
     };
     wanted(&mut tuner, Outcome::Ok);
@@ -208,7 +208,8 @@ fn a_crash_counts_once_no_measurement_is_left() {
     let mut tuner = tuner(explore_always());
     let (state, configuration) = (StateId(1), run(&mut tuner, "a", 0.5, 0.5, 2)[1].configuration.clone());
     let wanted = |tuner: &mut Tuner, outcome: Outcome| {
-        let trial = tuner.suggest_wanted(&ask("w", 0.5, 0.5), configuration.to_raw(), 0).expect("valid").0;
+        let trial =
+            tuner.suggest_wanted(&ask("w", 0.5, 0.5), configuration.to_raw(), None, 0).expect("valid").0;
         finish(tuner, &trial, outcome);
         tuner.knowledge.states.results(state).is_infeasible(&configuration)
     };
@@ -381,7 +382,7 @@ fn what_clients_want_themselves_does_not_eat_the_budget_of_the_search() {
         let mut x = space.encode(&space.default_configuration());
         x[3] = f64::from(number) / 30.0;
         let wanted = space.decode(&x).to_raw();
-        let trial = tuner.suggest_wanted(&ask("a", 0.5, 0.5), wanted, 0).expect("valid").0;
+        let trial = tuner.suggest_wanted(&ask("a", 0.5, 0.5), wanted, None, 0).expect("valid").0;
         finish(&mut tuner, &trial, Outcome::Ok);
     }
     let explored = run(&mut tuner, "a", 0.5, 0.5, 40);

@@ -177,7 +177,7 @@ fn a_race_begins_and_ends_where_the_table_never_rests() {
     let default = tuner.spec().space.default_configuration().to_raw();
     let mut rules = Vec::new();
     while rules.len() < 300 && rules.last() != Some(&Rule::Finished) {
-        let busy = tuner.suggest_wanted(&beside, default.clone(), 0).expect("it fits").0;
+        let busy = tuner.suggest_wanted(&beside, default.clone(), None, 0).expect("it fits").0;
         let question = tuner.question(&own).expect("valid");
         let plan = tuner.plan(&question, |_| true).map(PlanRequest::compute).unwrap_or_default();
         finish(&mut tuner, &busy, Outcome::Ok);

@@ -201,7 +201,7 @@ fn what_clients_brought_along_serves_the_next_state() {
     for place in 0..4 {
         for configuration in &wanted {
             let ask = ask("a", 0.2 * f64::from(place), 0.5);
-            let trial = tuner.suggest_wanted(&ask, configuration.clone(), 0).expect("valid").0;
+            let trial = tuner.suggest_wanted(&ask, configuration.clone(), None, 0).expect("valid").0;
             let render_ms = if *configuration == best { 6.0 } else { 10.0 };
             let _ = tuner.report(&trial, measured(render_ms), Outcome::Ok, 1).expect("valid");
         }

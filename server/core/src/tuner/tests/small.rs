@@ -173,7 +173,7 @@ fn a_search_that_meets_only_what_is_known_keeps_to_its_budget() {
     for known in 1..=996 {
         let mut wanted = tuner.spec().space.default_configuration().to_raw();
         wanted.insert("level".into(), Value::Integer(known));
-        let trial = tuner.suggest_wanted(&ask, wanted, 0).expect("valid").0;
+        let trial = tuner.suggest_wanted(&ask, wanted, None, 0).expect("valid").0;
         report(&mut tuner, &trial);
     }
     let first = tuner.suggest(&ask, 0).expect("valid").0;
@@ -198,7 +198,7 @@ fn what_was_forgotten_and_is_met_again_is_not_counted_twice() {
         for level in 1..=6 {
             let mut wanted = default.to_raw();
             wanted.insert("level".into(), Value::Integer(level));
-            let trial = tuner.suggest_wanted(&ask, wanted, 0).expect("valid").0;
+            let trial = tuner.suggest_wanted(&ask, wanted, None, 0).expect("valid").0;
             assert!(tuner.report(&trial, measured(10.0), Outcome::Ok, 1).is_ok());
         }
         let results = tuner.knowledge.states.results(state);

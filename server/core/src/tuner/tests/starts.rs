@@ -226,7 +226,7 @@ fn a_start_stays_the_answer_where_nothing_was_assessed_until_something_beats_it(
     let (mut tuner, start, state) = (tuner(explore_always()), good(), StateId(1));
     frame(&mut tuner, &begins_with("a", &start));
     let measure = |tuner: &mut Tuner, wanted: &Configuration, render_ms: f64| {
-        let trial = tuner.suggest_wanted(&ask("b", 0.5, 0.5), wanted.to_raw(), 0).expect("valid").0;
+        let trial = tuner.suggest_wanted(&ask("b", 0.5, 0.5), wanted.to_raw(), None, 0).expect("valid").0;
         assert!(tuner.report(&trial, measured(render_ms), Outcome::Ok, 1).is_ok());
     };
     let other = |number: u8| own(&[("travel_cost", Value::Float(0.1 + 0.2 * f64::from(number)))]);
