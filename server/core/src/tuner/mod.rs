@@ -16,11 +16,14 @@
 //! the incumbent, the `standings` of a state's own measurements, the choice of what is exploited
 //! (`exploiting`), and the `transfer` of the results of other states and machines.
 //!
-//! Each step has its file: `decide` takes decisions by what a `session` wishes, `start` lets a client begin
-//! with its own default, `explore` and `within_budget` choose what is explored, `planning` copies the inputs
-//! of slow computations and `plan` computes them apart, `suggest` and `report` are the two halves of a
-//! client's frame, `learning` is what tables and models make of a report, `leases` ends trials that never
-//! come back, `restore` rebuilds.
+//! In that room a session's `wishes` `decide` what its client does, and a client may `start` with its own
+//! default.
+//!
+//! Each step that needs more than one room has its file: `explore` and `within_budget` choose what is
+//! explored, `planning` copies the inputs of slow computations and `plan` computes them apart, `suggest` and
+//! `report` are the two halves of a client's frame, `learning` is what tables and models make of a report,
+//! `leases` ends trials that never come back, `restore` rebuilds. `views` joins parts of the rooms for one
+//! step each.
 
 pub mod budget;
 mod checks;

@@ -1,4 +1,4 @@
-//! Views of the tuner: its parts joined for one step each, and those for its caller.
+//! Views of the tuner: parts of its rooms joined for one step each, and its counts for the caller.
 
 use crate::tuner::exploring::{Exploiting, Racing, Standings, Transfer};
 use crate::tuner::knowledge::Knowledge;

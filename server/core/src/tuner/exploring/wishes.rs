@@ -1,5 +1,5 @@
-//! A session's own policy takes the place of the study's here, and nowhere else. By it the dice of the
-//! epsilon-greedy decision are thrown.
+//! A session's own policy takes the place of the study's here and for the ground of an answer, and nowhere
+//! else. By it the dice of the epsilon-greedy decision are thrown.
 
 use rand::RngExt;
 
