@@ -326,15 +326,20 @@ impl<'a> Standings<'a> {
         let results = self.states.results(state);
         let record = results.record(&answered.configuration)?;
         assert!(record.measurements > 0 && !record.infeasible, "the best was measured and can be run");
+        let standing = self.standing(state, start, planned)?;
+        let at_rest = results.at_rest(&record.configuration);
+        // The default may not have run for long, and its gain was found while both ran.
+        let beside =
+            |cost| results.reported_beside((default, cost), (record, at_rest), ratio_by(standing.gain));
         Some(Best {
             configuration: record.configuration.clone(),
-            cost: results.reported(&record.configuration, record.mean_cost),
-            default_cost: self.states.cost_of(state, default).map(|cost| results.reported(default, cost)),
+            cost: at_rest.unwrap_or_else(|| results.pace() * record.mean_cost),
+            default_cost: self.states.cost_of(state, default).map(beside),
             measurements: record.measurements,
             state_id: state.0,
             trial: record.last_trial,
             last_measure_ms: record.last_measure_ms,
-            standing: self.standing(state, start, planned)?,
+            standing,
         })
     }
 
@@ -347,4 +352,10 @@ impl<'a> Standings<'a> {
             search: self.searches.record(state).cloned(),
         }
     }
+}
+
+/// The ratio of the default's cost to that of an answer with a gain over it.
+fn ratio_by(gain: Option<Gain>) -> Option<f64> {
+    let ratio = 1.0 / (1.0 - gain?.share);
+    Some(ratio).filter(|ratio| ratio.is_finite() && *ratio > 0.0)
 }

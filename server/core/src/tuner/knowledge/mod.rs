@@ -163,9 +163,12 @@ impl Knowledge {
     pub fn cheapest_instead(&self, best: Best, fits: impl Fn(&Configuration) -> bool) -> Option<Best> {
         let results = self.states.results(StateId(best.state_id));
         let record = results.ranked().find(|record| fits(&record.configuration))?;
+        let own = (&record.configuration, record.mean_cost);
+        let answer = results.record(&best.configuration)?;
+        let at_rest = results.at_rest(&best.configuration);
         Some(Best {
             configuration: record.configuration.clone(),
-            cost: results.reported(&record.configuration, record.mean_cost),
+            cost: results.reported_beside(own, (answer, at_rest), None),
             measurements: record.measurements,
             trial: record.last_trial,
             last_measure_ms: record.last_measure_ms,

@@ -84,6 +84,37 @@ fn what_is_gained_is_told_as_it_is_and_was_run_against_the_default() {
     }
 }
 
+/// The default runs for the last time in the confirmation. Then the answer runs for so long that nothing of
+/// the default is left among the latest measurements, while the machine gets faster little by little.
+#[test]
+fn the_cost_of_a_default_that_ran_long_ago_is_told_of_the_machine_on_which_the_answer_runs() {
+    let Ended { mut tuner, best, .. } = searched(0, false, cost, |_| 1.0);
+    let (state, default) = (StateId(1), tuner.spec().space.default_configuration());
+    let truth = cost_at(&best.configuration, 0.5);
+    for frame in 0..160_u32 {
+        let cost = truth * f64::max(0.7, 1.0 - 0.003 * f64::from(frame));
+        let number = 1_000 + u64::from(frame);
+        let trial = Trial::new(number, "a", 1, best.configuration.clone(), Choice::Wanted.decided());
+        let trial = Trial { outcome: Some(Outcome::Ok), cost: Some(cost), ..trial };
+        tuner.knowledge.states.amend(state, |results| {
+            results.note_pace(&trial, cost, 1.0);
+            results.learn(&trial, &default);
+        });
+    }
+    let results = tuner.knowledge.states.results(state);
+    assert_eq!(results.at_rest(&default), None, "nothing of it is left");
+    assert!(results.at_rest(&best.configuration).is_some(), "the machine is not steady");
+    let after = tuner.best(None, None).expect("valid").expect("measured");
+    assert_eq!(after.configuration, best.configuration);
+    assert!((after.cost / (0.7 * truth) - 1.0).abs() < 0.05, "{}", after.cost);
+    let default_cost = after.default_cost.expect("the default was measured");
+    let gain = after.standing.gain.expect("the default was measured");
+    let by_gain = after.cost / (1.0 - gain.share);
+    assert!((default_cost / by_gain - 1.0).abs() < 1e-9, "{default_cost} and a gain of {gain}");
+    // The gain is right to about 0.06.
+    assert!((default_cost / (0.7 * 30.25) - 1.0).abs() < 0.2, "{default_cost}");
+}
+
 #[test]
 fn a_machine_that_jumps_is_noticed_and_hides_nothing() {
     let mut noticed = 0;
