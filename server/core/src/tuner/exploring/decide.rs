@@ -108,8 +108,8 @@ impl Wishes<'_> {
 
     /// The epsilon-greedy decision for visit `number` of a client to a state (paper section 6).
     ///
-    /// Where exploring is over or does not pay, the client exploits. Where no configuration is known, it
-    /// explores, or runs the default if epsilon is zero.
+    /// Where exploring is over or does not pay, the client exploits. Where no configuration is known, or only
+    /// such as were stopped, it explores, or runs the best of these or the default if epsilon is zero.
     pub(crate) fn decide(
         &self,
         exploiting: &Exploiting<'_>,
@@ -137,7 +137,13 @@ impl Wishes<'_> {
             }
             Course::Drawn(estimate) => (exploit(), estimate),
         };
-        if would.source != ExploitSource::Default || self.never_explores() && !fails(&would) {
+        let (is_default, fails) = (would.source == ExploitSource::Default, fails(&would));
+        let exploits = match self.never_explores() {
+            // What was stopped here ran elsewhere at least.
+            true => !is_default || !fails,
+            false => !is_default && !fails,
+        };
+        if exploits {
             // An open confirmation waits for clients on whom the dice fall.
             let rule = if self.is_spent(state) { ExploitRule::Finished } else { ExploitRule::Dice };
             return would.kept(rule, estimate);

@@ -62,11 +62,20 @@ impl MeasuredElsewhere {
         tables.filter_map(tried).next().unwrap_or(false)
     }
 
+    /// Whether a configuration was stopped in the asking state, or fails there, and never ran to its end.
+    fn fails_here(&self, configuration: &Configuration) -> bool {
+        self.here.as_ref().is_some_and(|here| here.fails(configuration))
+    }
+
     /// The best fixed configuration of other states, an incumbent or a confirmed winner that is not known to
-    /// fail in the asking state. `None` where none of these was measured.
+    /// fail in the asking state. One that was stopped there counts only where all of them were, and the
+    /// default with them. `None` where none of these was measured.
     pub(crate) fn best(&self, space: &Space) -> Option<Configuration> {
         let Choices { candidates, members, table } = Choices::of(space, self);
-        let best = candidates[table.best_fixed(&members)?].clone();
+        let may_run = |place: &usize| !self.fails_here(&candidates[*place]);
+        let unstopped: Vec<usize> = members.iter().copied().filter(may_run).collect();
+        let among = if unstopped.is_empty() { &members } else { &unstopped };
+        let best = candidates[table.best_fixed(among)?].clone();
         self.states.iter().any(|other| other.results.ran(&best).is_some()).then_some(best)
     }
 

@@ -272,6 +272,44 @@ fn one_absurd_report_of_a_machine_or_a_state_decides_for_no_other() {
 }
 
 #[test]
+fn what_was_stopped_in_a_state_is_not_answered_there_while_others_are_known() {
+    let mut tuner = tuner(exploit_always());
+    for x in [0.1, 0.4] {
+        (0..2).for_each(|_| tell(&mut tuner, &ask("a", x, 0.5), &USUAL));
+    }
+    let (default, new) = (tuner.spec().space.default_configuration(), StateId(3));
+    let mut stopped: Vec<Configuration> = Vec::new();
+    // The default is none of those that other states know.
+    for _ in 0..USUAL.len() {
+        let here = tuner.knowledge.states.contains(new).then_some(new);
+        let answer = tuner.exploiting(&Planned::AtOnce).measured_answer(&[0.25, 0.9], here);
+        let configuration = answer.configuration.clone();
+        assert_eq!(answer.asked().reason().source, "portfolio");
+        assert!(configuration != default && !stopped.contains(&configuration), "{configuration:?}");
+        stop(&mut tuner, &configuration);
+        stopped.push(configuration);
+    }
+    assert_eq!(suggest(&mut tuner, "b", 0.25, 0.9).mode(), Mode::Default, "it was not stopped");
+    stop(&mut tuner, &default);
+    let answer = tuner.exploiting(&Planned::AtOnce).measured_answer(&[0.25, 0.9], Some(new));
+    assert_eq!(answer.configuration, stopped[0], "all of them were stopped, and this one is the best");
+    let careful = suggest(&mut tuner, "n", 0.25, 0.9);
+    assert_eq!(careful.configuration, stopped[0], "who never explores gets nothing that never ran");
+    let predictor = PredictorMethod::NearestNeighbour;
+    tuner.set_policy(Policy { epsilon: 1e-12, predictor, ..explore_always() }).expect("valid");
+    let explored = suggest(&mut tuner, "c", 0.25, 0.9);
+    assert_eq!(explored.mode(), Mode::Explore, "{}", explored.reason().summary);
+    assert!(!tuner.knowledge.states.results(new).is_tried(&explored.configuration), "{explored:?}");
+}
+
+/// A client stops a configuration in a third state.
+fn stop(tuner: &mut Tuner, configuration: &Configuration) {
+    let trial = tuner.suggest_wanted(&ask("w", 0.25, 0.9), configuration.to_raw(), None, 0).expect("valid").0;
+    assert_eq!(trial.state_id, 3);
+    assert!(tuner.report(&trial, measured(100.0), Outcome::Aborted { lower_bound: 100.0 }, 1).is_ok());
+}
+
+#[test]
 fn other_states_hear_of_what_was_dear_once() {
     let mut tuner = tuner(exploit_always());
     let space = tuner.spec().space.clone();
