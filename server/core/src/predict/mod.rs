@@ -26,8 +26,8 @@ pub use deferred::{ComputedUpdates, DeferredUpdates};
 pub use nearest::Nearest;
 pub use rbf::Rbf;
 pub use registry::METHODS;
-use state_index::IndexEntry;
 pub use state_index::StateIndex;
+use state_index::{Among, IndexEntry};
 
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct PredictorSetup<'a> {
@@ -79,21 +79,29 @@ pub struct Query<'a> {
 }
 
 impl Query<'_> {
-    /// The `count` states nearest to the asked one in which something was tried and that pass `filter`,
-    /// nearest first. Those of other machines count as further away.
+    /// The `count` states nearest to the asked one among some that pass `filter`, nearest first. Those of
+    /// other machines count as further away. The work grows with the number that `filter` leaves out.
     pub(crate) fn nearest(
         &self,
         count: usize,
-        explored: bool,
+        among: Among,
         filter: impl Fn(&KnownState) -> bool,
     ) -> Vec<IndexEntry> {
-        let found = self.state_index.nearest(self.state, count, explored, |place| {
-            // The index never forgets that a state was tried or explored.
-            let passes = |known: &&KnownState| (known.explored || !explored) && filter(known);
+        let found = self.state_index.nearest(self.state, count, among, |place| {
+            let passes = |known: &&KnownState| among.has(known) && filter(known);
             let known = self.known.get(place).filter(passes)?;
             Some(distance_2(self.machines.level(self.machine, known.machine)))
         });
         assert!(found.len() <= count, "{} of {count} states", found.len());
+        found
+    }
+
+    /// The `ran` nearest states in which something ran and the `failed` nearest in which something was tried
+    /// and nothing ran, nearest first.
+    pub(crate) fn nearest_tried(&self, ran: usize, failed: usize) -> Vec<IndexEntry> {
+        let mut found = self.nearest(ran, Among::Ran, |_| true);
+        found.extend(self.nearest(failed, Among::Failed, |_| true));
+        found.sort_by(|a, b| a.distance_2.total_cmp(&b.distance_2).then(a.name.cmp(&b.name)));
         found
     }
 

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use crate::configuration::Configuration;
 use crate::limits::NEIGHBOURS_MAX;
 use crate::matrix::distance_2;
-use crate::predict::state_index::IndexEntry;
+use crate::predict::state_index::{Among, IndexEntry};
 use crate::predict::{Answer, Estimate, Predictor, PredictorSetup, Query};
 use crate::results::{KnownState, Record};
 use crate::trial::Neighbour;
@@ -61,7 +61,8 @@ fn measured<'a>(
     explored: bool,
     passes: impl Fn(&KnownState) -> bool,
 ) -> Vec<NearState<'a>> {
-    let found = query.nearest(count, explored, |state| state.results.best().is_some() && passes(state));
+    let among = if explored { Among::Explored } else { Among::Ran };
+    let found = query.nearest(count, among, passes);
     let near = |found: &IndexEntry| {
         let state = query.known.get(found.name as usize)?;
         Some(NearState { state, distance: found.distance_2.sqrt() })

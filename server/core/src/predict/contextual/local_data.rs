@@ -81,11 +81,7 @@ pub(crate) struct LocalData {
 impl LocalData {
     /// Collects the measurements for a query: most of them from the nearest states, and the best of each.
     pub(super) fn new(features: &Arc<FeatureMap>, query: &Query<'_>) -> Self {
-        let mut found = query.nearest(ROWS_MAX, false, |state| state.results.best().is_some());
-        found.extend(query.nearest(FAILED_STATES_MAX, false, |state| {
-            state.results.best().is_none() && !state.results.records().is_empty()
-        }));
-        found.sort_by(|a, b| a.distance_2.total_cmp(&b.distance_2).then(a.name.cmp(&b.name)));
+        let found = query.nearest_tried(ROWS_MAX, FAILED_STATES_MAX);
         let (mut sources, mut quota, mut rows) = (Vec::new(), QUOTA_FIRST, 0);
         let mut held = BTreeSet::new();
         let known = |found: &IndexEntry| Some((found.name, query.known.get(found.name as usize)?));

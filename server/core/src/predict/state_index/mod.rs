@@ -15,17 +15,40 @@ pub(crate) use indicator_statistics::{IndicatorStatistics, OmittedIndicator};
 use tree::KdTree;
 pub(crate) use tree::{IndexEntry, match_distance_2};
 
+/// The states among which the nearest are looked for. What they are may change with every report.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Among {
+    /// Those in which something ran that can be run still.
+    Ran,
+    /// Those of them in which a search was begun.
+    Explored,
+    /// Those in which something was tried and nothing ran.
+    Failed,
+}
+
+impl Among {
+    const ALL: [Among; 3] = [Among::Ran, Among::Explored, Among::Failed];
+
+    /// Whether a state is among them.
+    pub(crate) fn has(self, state: &KnownState) -> bool {
+        let ran = state.results.best().is_some();
+        match self {
+            Among::Ran => ran,
+            Among::Explored => ran && state.explored,
+            Among::Failed => !ran && !state.results.records().is_empty(),
+        }
+    }
+}
+
 /// An index over the anchors of the known states. States are named by their places in the tuner's list.
 #[derive(Clone, Debug, PartialEq)]
 pub struct StateIndex {
     /// All states of each machine that may be met again, in which states are recognised.
     all: BTreeMap<MachineId, KdTree>,
-    /// States in which something was tried, whether or not it ran.
-    tried: KdTree,
-    /// Those of them in which a search was begun.
-    explored: KdTree,
-    /// For each state, whether the tried and the explored tree hold it.
-    held: Vec<(bool, bool)>,
+    /// The states of each kind, in the order of `Among::ALL`: no question about a few looks at all others.
+    kinds: [KdTree; 3],
+    /// For each state, whether the tree of each kind holds it.
+    held: Vec<[bool; 3]>,
     /// Over the measured states.
     statistics: IndicatorStatistics,
     /// The weights of the indicators in squared distances, which follow from the statistics.
@@ -35,38 +58,33 @@ pub struct StateIndex {
 impl StateIndex {
     /// An empty index over states of `indicators` indicators.
     pub fn new(indicators: usize) -> Self {
-        let tree = KdTree::new(indicators);
         StateIndex {
             all: BTreeMap::new(),
-            tried: tree.clone(),
-            explored: tree,
+            kinds: Among::ALL.map(|_| KdTree::new(indicators)),
             held: Vec::new(),
             statistics: IndicatorStatistics::new(indicators),
             weights: vec![1.0; indicators],
         }
     }
 
-    /// Takes a new state, or notes that a known one was tried or explored. States come in the order of
-    /// their ids; a second call changes nothing.
+    /// Takes a new state, or notes what a known one is now. States come in the order of their ids; a second
+    /// call changes nothing.
     pub fn note(&mut self, state: &KnownState) {
         let place = state.id.0 as u32 - 1;
         if self.held.len() == place as usize {
             let tree = self.all.entry(state.machine).or_insert_with(|| KdTree::new(self.weights.len()));
             tree.insert(place, &state.anchor);
-            self.held.push((false, false));
+            self.held.push([false; 3]);
         }
         assert!((place as usize) < self.held.len(), "{:?} comes before its time", state.id);
-        let (tried, explored) = &mut self.held[place as usize];
-        if state.results.records().is_empty() {
-            return;
-        }
-        if !*tried {
-            *tried = true;
-            self.tried.insert(place, &state.anchor);
-        }
-        if state.explored && !*explored {
-            *explored = true;
-            self.explored.insert(place, &state.anchor);
+        let kinds = self.kinds.iter_mut().zip(Among::ALL);
+        for ((tree, among), is_held) in kinds.zip(&mut self.held[place as usize]) {
+            match (*is_held, among.has(state)) {
+                (false, true) => tree.insert(place, &state.anchor),
+                (true, false) => tree.remove(place, &state.anchor),
+                (false, false) | (true, true) => {}
+            }
+            *is_held = among.has(state);
         }
     }
 
@@ -140,17 +158,56 @@ impl StateIndex {
         self.all.values().filter_map(move |tree| Some(tree.within(state, tolerance)?.name as usize))
     }
 
-    /// The `count` nearest states in which something was tried, nearest first. `further` gives the square
-    /// of an additional distance, and `None` for states to leave out. `explored` leaves out those without a
-    /// search.
+    /// The `count` nearest states among some, nearest first. `further` gives the square of an additional
+    /// distance, and `None` for states to leave out.
     pub(crate) fn nearest(
         &self,
         state: &[f64],
         count: usize,
-        explored: bool,
+        among: Among,
         mut further: impl FnMut(usize) -> Option<f64>,
     ) -> Vec<IndexEntry> {
-        let tree = if explored { &self.explored } else { &self.tried };
+        let tree = &self.kinds[among as usize];
         tree.nearest(state, &self.weights, count, &mut |name| further(name as usize))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::predict::tests::World;
+    use crate::trial::Outcome;
+
+    /// The nearest states in which nothing ran, and the number of states that were looked at.
+    fn failed(world: &World) -> (Vec<u32>, usize) {
+        let mut looked_at = 0;
+        let further = |_| {
+            looked_at += 1;
+            Some(0.0)
+        };
+        let found = world.state_index.nearest(&[0.5, 0.5], 16, Among::Failed, further);
+        (found.iter().map(|found| found.name).collect(), looked_at)
+    }
+
+    #[test]
+    fn states_in_which_nothing_ran_are_found_without_a_look_at_the_others() {
+        let mut world = World::new(1, 2);
+        let at = |number: u32| [f64::from(number) / 60.0, 0.5];
+        let fails = |world: &mut World, number: u32| {
+            world.take(&at(number), &[0.5], Outcome::infeasible("too deep"), None, 1);
+        };
+        for number in 0..60 {
+            match number % 25 {
+                7 => fails(&mut world, number),
+                _ => world.measure(&at(number), &[0.5], 1.0),
+            }
+        }
+        assert_eq!(failed(&world), (vec![32, 7, 57], 3));
+        world.measure(&at(32), &[0.5], 1.0);
+        assert_eq!(failed(&world), (vec![7, 57], 2), "it runs now");
+        assert_eq!(world.state_index.held[32], [true, true, false]);
+        (0..2).for_each(|_| fails(&mut world, 32));
+        assert_eq!(failed(&world), (vec![32, 7, 57], 3), "it fails more often than it runs");
+        assert_eq!(world.state_index.held[32], [false, false, true]);
     }
 }

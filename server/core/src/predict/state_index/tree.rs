@@ -1,17 +1,18 @@
-//! An exact index of points that grows one point at a time: a k-d tree whose nodes know their bounding boxes.
+//! An exact index of points that come and go one at a time: a k-d tree whose nodes know bounding boxes.
 //!
 //! Bentley, "Multidimensional binary search trees used for associative searching", 1975; bounding boxes make
 //! pruning follow the data's own dimension instead of the space's, which for scene indicators is low. A
 //! subtree that grew lopsided is rebuilt (Galperin and Rivest, "Scapegoat trees", 1993), so that depth stays
 //! logarithmic whatever order points come in. Distances are weighted axis by axis at the time of the
-//! question: weights may change without a new tree.
+//! question: weights may change without a new tree. A point that is taken out leaves the boxes as they are;
+//! what holds no point any more is not looked at.
 
 /// A leaf is split when it holds more points than this.
 const LEAF_MAX: usize = 24;
 /// No child holds more than this share of its parent's points (and one leaf).
 const SHARE_MAX: f64 = 0.7;
 
-/// The tree. Points are numbered in the order in which they came.
+/// The tree. Points are numbered in the order in which they came; one that was taken out leaves its number.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct KdTree {
     width: usize,
@@ -19,6 +20,8 @@ pub(super) struct KdTree {
     points: Vec<f64>,
     /// The caller's name of point `i`.
     names: Vec<u32>,
+    /// The numbers of points that were taken out, for those that come.
+    vacant: Vec<u32>,
     nodes: Vec<TreeNode>,
     /// Least and greatest coordinates of node `i` at `2 * i * width`.
     boxes: Vec<f64>,
@@ -28,7 +31,7 @@ pub(super) struct KdTree {
 #[derive(Clone, Debug, PartialEq)]
 struct TreeNode {
     count: u32,
-    /// The number of its points when it was built.
+    /// The number of its points when it was built, less those that were taken out since.
     built: u32,
     kind: NodeKind,
 }
@@ -56,18 +59,28 @@ impl KdTree {
     /// An empty tree for points of `width` coordinates.
     pub(super) fn new(width: usize) -> Self {
         let root = TreeNode { count: 0, built: 0, kind: NodeKind::Leaf(Vec::new()) };
-        let mut tree =
-            KdTree { width, points: vec![], names: vec![], nodes: vec![root], boxes: vec![], free: vec![] };
+        let mut tree = KdTree {
+            width,
+            points: vec![],
+            names: vec![],
+            vacant: vec![],
+            nodes: vec![root],
+            boxes: vec![],
+            free: vec![],
+        };
         tree.boxes.extend(tree.empty_box());
         tree
+    }
+
+    /// The number of points.
+    fn len(&self) -> usize {
+        self.names.len() - self.vacant.len()
     }
 
     /// Adds a point of finite coordinates.
     pub(super) fn insert(&mut self, name: u32, point: &[f64]) {
         assert_eq!(point.len(), self.width, "a point of other coordinates");
-        let slot = self.names.len() as u32;
-        self.points.extend_from_slice(point);
-        self.names.push(name);
+        let slot = self.place(name, point);
         let (mut node, mut lopsided) = (0usize, None);
         loop {
             self.widen(node, slot);
@@ -90,7 +103,42 @@ impl KdTree {
             let slots = self.dissolve(root);
             self.build(root, slots);
         }
-        assert_eq!(self.nodes[0].count as usize, self.names.len(), "the root holds all points");
+        assert_eq!(self.nodes[0].count as usize, self.len(), "the root holds all points");
+    }
+
+    /// Gives a point its number.
+    fn place(&mut self, name: u32, point: &[f64]) -> u32 {
+        let Some(slot) = self.vacant.pop() else {
+            self.points.extend_from_slice(point);
+            self.names.push(name);
+            return self.names.len() as u32 - 1;
+        };
+        let from = slot as usize * self.width;
+        self.points[from..from + self.width].copy_from_slice(point);
+        self.names[slot as usize] = name;
+        slot
+    }
+
+    /// Takes out the point that was added by that name.
+    pub(super) fn remove(&mut self, name: u32, point: &[f64]) {
+        let mut node = 0usize;
+        loop {
+            let TreeNode { count, built, .. } = &mut self.nodes[node];
+            assert!(*count > 0, "{name} is not there");
+            // Points that come in the place of others make a tree as lopsided as further ones.
+            (*count, *built) = (*count - 1, built.saturating_sub(1));
+            let NodeKind::Branch { axis, cut, below, above } = self.nodes[node].kind else { break };
+            node = if point[axis as usize] < cut { below } else { above } as usize;
+        }
+        let NodeKind::Leaf(slots) = &mut self.nodes[node].kind else { return };
+        let at = slots.iter().position(|&slot| self.names[slot as usize] == name);
+        assert!(at.is_some(), "{name} is not where its coordinates are");
+        self.vacant.extend(at.map(|at| slots.swap_remove(at)));
+        if self.nodes[0].count == 0 {
+            // Where points come and go, the shape of those that are gone is of no use.
+            *self = KdTree::new(self.width);
+        }
+        assert_eq!(self.nodes[0].count as usize, self.len(), "the root holds all points");
     }
 
     /// The `count` points nearest to `state`, nearest first, the first named first among equals. `further`
@@ -115,7 +163,7 @@ impl KdTree {
                     let (a, b) = (self.gap_2(*below, state, weights), self.gap_2(*above, state, weights));
                     // The nearer child is left on top.
                     let pair = if a <= b { [(b, *above), (a, *below)] } else { [(a, *below), (b, *above)] };
-                    open.extend(pair);
+                    open.extend(pair.into_iter().filter(|&(_, child)| self.nodes[child as usize].count > 0));
                 }
                 NodeKind::Leaf(slots) => {
                     for &slot in slots {
@@ -380,8 +428,55 @@ mod tests {
         assert_eq!(tree.within(&[49.5], 0.1).map(|found| found.name), Some(100));
     }
 
+    #[test]
+    fn points_that_come_in_the_place_of_others_make_no_deep_tree() {
+        let mut tree = KdTree::new(1);
+        for index in 0..20_000_u32 {
+            tree.insert(index, &[f64::from(index)]);
+            if let Some(oldest) = index.checked_sub(100) {
+                tree.remove(oldest, &[f64::from(oldest)]);
+            }
+        }
+        assert!(tree.len() == 100 && tree.names.len() == 101, "{} numbers", tree.names.len());
+        assert!(depth(&tree, 0) < 30, "{}", depth(&tree, 0));
+        assert_eq!(tree.nearest(&[77.2], &[1.0], 1, &mut |_| Some(0.0))[0].name, 19_900);
+    }
+
     proptest! {
         #![proptest_config(crate::testing::cases(96))]
+
+        #[test]
+        fn points_that_were_taken_out_are_not_found_until_they_come_back(
+            width in 1usize..4, grid in 1u32..9, seed in any::<u64>(), points in 1usize..200,
+            steps in 1usize..800,
+        ) {
+            use rand::{RngExt, SeedableRng};
+            let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(seed);
+            let mut coordinate = |_: usize| f64::from(random.random_range(0..=grid)) / f64::from(grid);
+            let all: Vec<Vec<f64>> = (0..points).map(|_| (0..width).map(&mut coordinate).collect()).collect();
+            let state: Vec<f64> = (0..width).map(&mut coordinate).collect();
+            let (mut tree, mut held) = (KdTree::new(width), vec![false; points]);
+            for _ in 0..steps {
+                let place = random.random_range(0..points);
+                match held[place] {
+                    true => tree.remove(place as u32, &all[place]),
+                    false => tree.insert(place as u32, &all[place]),
+                }
+                held[place] = !held[place];
+            }
+            let weights = vec![1.0; width];
+            let mut looked_at = 0;
+            let mut further = |_: u32| {
+                looked_at += 1;
+                Some(0.0)
+            };
+            let found = tree.nearest(&state, &weights, 7, &mut further);
+            let is_there = |name: u32| held[name as usize].then_some(0.0);
+            prop_assert_eq!(found, nearest(&all, &state, &weights, 7, is_there));
+            let there = held.iter().filter(|held| **held).count();
+            prop_assert!(looked_at <= there && tree.len() == there);
+            prop_assert!(tree.names.len() <= points, "numbers are used again");
+        }
 
         #[test]
         fn answers_are_those_of_looking_at_every_point(

@@ -232,6 +232,7 @@ impl States {
     /// Notes that the search of a state was forgotten. A replay does not: its rows say what was begun since.
     pub(crate) fn forget_search(&mut self, id: StateId) {
         (self.known[place(id)].explored, self.begun[place(id)]) = (false, false);
+        self.index.note(&self.known[place(id)]);
     }
 
     /// Sets whether a restored state was explored, before anything of it is learnt.

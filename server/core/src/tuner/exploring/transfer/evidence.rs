@@ -5,7 +5,7 @@ use std::sync::Arc;
 use crate::ids::StateId;
 use crate::limits::{NEIGHBOURS_MAX, PORTFOLIO_STATES_MAX};
 use crate::predict::Query;
-use crate::predict::state_index::IndexEntry;
+use crate::predict::state_index::{Among, IndexEntry};
 use crate::search::hears_others;
 use crate::trial::Neighbour;
 use crate::tuner::exploring::transfer::Transfer;
@@ -19,7 +19,8 @@ const REPEATED: u64 = 2;
 /// explored ones.
 fn nearest(query: &Query<'_>, count: usize, explored: bool) -> Vec<IndexEntry> {
     let here = query.here.map(|here| here.id);
-    query.nearest(count, explored, |other| Some(other.id) != here && other.results.best().is_some())
+    let among = if explored { Among::Explored } else { Among::Ran };
+    query.nearest(count, among, |other| Some(other.id) != here)
 }
 
 impl Transfer<'_> {

@@ -22,7 +22,7 @@ use crate::gp::acquisition::is_worth;
 use crate::ids::{MachineId, StateId};
 use crate::machines::Machines;
 use crate::policy::PredictorMethod;
-use crate::predict::state_index::IndexEntry;
+use crate::predict::state_index::{Among, IndexEntry};
 use crate::predict::{Answer, Nearest, Predictor as _, Query, RUNS_LEAST, WORTH, runs_after};
 use crate::results::SEARCHED_LEAST;
 use crate::study::StudySpec;
@@ -91,8 +91,9 @@ impl<'a> Transfer<'a> {
             mean: answer.expected.cost - known.cost,
             deviation: answer.expected.deviation.max(f64::MIN_POSITIVE),
         };
-        let near = query.nearest(RUNS_STATES, false, |state| !state.results.records().is_empty());
-        let tables = near.iter().map(|near| &self.states[at(near.name as usize)].results);
+        let near = query.nearest_tried(RUNS_STATES, RUNS_STATES);
+        let near = near.iter().take(RUNS_STATES);
+        let tables = near.map(|near| &self.states[at(near.name as usize)].results);
         let records = || tables.clone().flat_map(|results| results.records());
         let mut ran: BTreeSet<&Configuration> = BTreeSet::new();
         is_worth(change, WORTH)
@@ -127,9 +128,7 @@ impl<'a> Transfer<'a> {
         if !self.warms_up_searches() {
             return false;
         }
-        let near = self
-            .query(normalised, here)
-            .nearest(NEAR, false, |other| Some(other.id) != here && other.results.best().is_some());
+        let near = self.query(normalised, here).nearest(NEAR, Among::Ran, |other| Some(other.id) != here);
         let was_searched = |near: &&IndexEntry| {
             let state = &self.states[at(near.name as usize)];
             state.explored && state.results.tried() >= SEARCHED_LEAST
