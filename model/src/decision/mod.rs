@@ -33,7 +33,7 @@ pub struct Decision {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub origin: Option<String>,
     /// The client's session at the last hand-out; 0 where it names none. If another session asks for the
-    /// trial again, this one ended without a report.
+    /// trial, this one ended without a report, or the two share a client id.
     #[serde(default, skip_serializing_if = "is_default")]
     pub session: u64,
     /// The number of leases of the configuration lost in the state without a report or any measurement of it.
@@ -45,6 +45,14 @@ pub struct Decision {
     /// An earlier session of its client ended without a report of it, and without giving it back.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub left_behind: bool,
+    /// The earlier sessions of its client that held it, the latest last. If one of them asks again, it lives
+    /// beside the others: programs share a client id.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub earlier_sessions: Vec<u64>,
+    /// Too many sessions left it behind, so its client gets others in its place. It stays open until its
+    /// lease ends, because each of them may live and report it.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub put_aside: bool,
     /// The name of the cheaper level at which the trial runs; `None` at the full one. What is measured there
     /// is no cost of the configuration.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -362,6 +370,8 @@ impl Choice {
             lost_leases: 0,
             heartbeat: false,
             left_behind: false,
+            earlier_sessions: Vec::new(),
+            put_aside: false,
             fidelity: None,
             adopted: None,
         }

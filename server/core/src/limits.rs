@@ -11,7 +11,7 @@ pub use treewright_model::limits::*;
 pub const STATES_MAX: usize = if cfg!(test) { 2000 } else { 1_000_000 };
 /// States beyond [`STATES_MAX`], for machines that have none yet.
 pub const STATES_OF_NEW_MACHINES_MAX: usize = if cfg!(test) { 2 } else { 4096 };
-/// Most trials one client may hold open, one per state.
+/// Most trials one client may hold open, one per state, and most that are put aside for it.
 pub const OPEN_TRIALS_PER_CLIENT_MAX: usize = 64;
 /// Most clients a study remembers the visits of. One more displaces the client with the oldest last decision
 /// among those that hold no trial.
@@ -110,6 +110,8 @@ pub const FAILURES_PER_CONFIGURATION_MAX: u32 = 3;
 /// Lost leases of a configuration in a state without a measurement of it, after which it counts as
 /// infeasible: its clients crash or hang.
 pub const LEASES_LOST_MAX: u32 = 2;
+/// Most sessions that are remembered of those which held an open trial before: the latest.
+pub const EARLIER_SESSIONS_MAX: usize = 16;
 /// Most configurations of a state of which lost leases are remembered: the latest.
 pub const LOST_CONFIGURATIONS_MAX: usize = 64;
 

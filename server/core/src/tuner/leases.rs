@@ -13,6 +13,13 @@
 //! without asking, and exploring would have nothing left to be weighed against. Neither does a client's own
 //! default, its start. A start to be measured goes to the next client that asks with it, until as many of its
 //! leases were lost. Then nobody measures it as a start any more.
+//!
+//! Several programs may share one client id, such as the nodes of a farm. Each has a session of its own, and
+//! none was started again where another one asks. A session that held the trial before and asks again lives:
+//! no lease was lost. As long as each asks once, they look like one program that crashes at every start. So
+//! where enough of them left a trial behind for its configuration to count as infeasible, the trial is put
+//! aside. The client gets another one, and any of its sessions can report the first. The configuration counts
+//! as infeasible once that lease has ended without a report.
 
 use std::collections::BTreeMap;
 
@@ -24,20 +31,32 @@ use crate::tuner::{Ask, Change, Tuner};
 
 impl Tuner {
     /// Counts a lost lease if the client was restarted since it received the trial that it holds for a state.
-    /// Returns the change that ends the trial; `None` where the client still holds it.
-    pub(super) fn lose_to_restart(&mut self, ask: &Ask, state: StateId, now_ms: i64) -> Option<Change> {
+    /// Returns the change by which it holds the trial no more; `None` where it still does.
+    pub(super) fn lose_to_restart(&mut self, ask: &Ask, state: StateId) -> Option<Change> {
         let held = self.clients.trials.of_client(&ask.client_id, state)?;
+        let number = TrialNumber(held.number);
+        if ask.is_back_to(held) {
+            let session = held.decision.session;
+            self.searches.forgive(state, &held.configuration);
+            self.clients.trials.hold_by(number, session, 0);
+            return None;
+        }
         if !ask.is_restarted_since(held) {
             return None;
         }
-        let (number, leaves_start) = (TrialNumber(held.number), self.searches.leaves_start(ask, held));
+        let leaves_start = self.searches.leaves_start(ask, held);
         let was_alive = held.decision.heartbeat || held.decision.left_behind;
         let (results, default) = (self.knowledge.states.results(state), self.spec.space.default_ref());
         let lost_leases = self.searches.note_lost_lease(held, results, default, was_alive);
-        if lost_leases >= LEASES_LOST_MAX || leaves_start {
-            return Some(self.end_lost(number, lost_leases, now_ms));
+        let all_lost = self.searches.lost_before(state, &held.configuration);
+        if lost_leases >= LEASES_LOST_MAX
+            && let Some(aside) = self.clients.put_aside(number)
+        {
+            return Some(Change { trials: vec![aside], ..Change::default() });
         }
-        let all_lost = self.searches.lost(state, &held.configuration);
+        if leaves_start {
+            return Some(self.end_expired(number));
+        }
         self.clients.trials.hold_by(number, ask.session, all_lost);
         None
     }
@@ -61,6 +80,11 @@ impl Tuner {
                 return self.take(&completed);
             }
         }
+        self.end_expired(number)
+    }
+
+    /// Ends an open trial as expired.
+    fn end_expired(&mut self, number: TrialNumber) -> Change {
         let ended = self.clients.end(number);
         let expired = ended.map(|trial| self.racing().take_back(trial, TrialState::Expired));
         Change { trials: expired.into_iter().collect(), ..Change::default() }

@@ -291,7 +291,8 @@ impl Tuner {
             let state = StateId(trial.state_id);
             let before = self.searches.changes(state);
             let (results, default) = (self.knowledge.states.results(state), self.spec.space.default_ref());
-            let was_alive = trial.decision.heartbeat;
+            // Enough sessions left behind what was put aside.
+            let was_alive = trial.decision.heartbeat || trial.decision.put_aside;
             let lost_leases = match self.clients.is_pardoned(trial) {
                 true => 0,
                 false => self.searches.note_lost_lease(trial, results, default, was_alive),

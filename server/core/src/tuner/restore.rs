@@ -229,7 +229,9 @@ impl Restoring {
         for trial in open {
             check_trial(&tuner, &trial)?;
             if trial.state == TrialState::Open {
-                tuner.clients.visits.note_held(&trial.client_id, true);
+                if !trial.decision.put_aside {
+                    tuner.clients.visits.note_held(&trial.client_id, true);
+                }
                 tuner.clients.trials.enter(trial);
             }
         }

@@ -27,8 +27,7 @@ impl Tuner {
             self.knowledge.found(normalised.clone(), ask.fingerprint.as_ref())
         });
         let changes_before = self.searches.changes(state);
-        let lost = self.lose_to_restart(ask, state, now_ms).unwrap_or_default();
-        let mut change = Change { states: Vec::new(), ..lost };
+        let mut change = self.lose_to_restart(ask, state).unwrap_or_default();
         let visit_before = self.clients.visits.of(&ask.client_id).cloned();
         let fixed = wanted.or_else(|| self.exploiting(&planned).in_shadow(ask, &normalised, state));
         if fixed.is_none() {
@@ -60,7 +59,7 @@ impl Tuner {
                     Some(fixed) => fixed,
                     None => self.by_policy(ask, number, &normalised, state, &mut planned),
                 };
-                prediction.decision.lost_leases = self.searches.lost(state, &prediction.configuration);
+                prediction.decision.lost_leases = self.searches.lost_before(state, &prediction.configuration);
                 Some(self.clients.hand_out(ask, number, state, prediction, &self.spec.policy, now_ms))
             }
         };

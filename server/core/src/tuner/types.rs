@@ -62,7 +62,12 @@ impl Ask {
     /// Whether the client was restarted since it received the trial that it holds.
     pub(crate) fn is_restarted_since(&self, held: &Trial) -> bool {
         let session = held.decision.session;
-        session != self.session && session != 0 && self.session != 0
+        session != self.session && session != 0 && self.session != 0 && !self.is_back_to(held)
+    }
+
+    /// Whether a session asks that held the trial before another one did. Both live, and share a client id.
+    pub(crate) fn is_back_to(&self, held: &Trial) -> bool {
+        held.decision.earlier_sessions.contains(&self.session)
     }
 }
 

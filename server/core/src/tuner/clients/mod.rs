@@ -147,6 +147,14 @@ impl Clients {
         self.trials.renew(number, now_ms.saturating_add(policy.lease_ms())).cloned()
     }
 
+    /// Takes an open trial from its client, which gets others in its place. It stays open under its lease.
+    /// `None` where too many were put aside for the client.
+    pub(crate) fn put_aside(&mut self, number: TrialNumber) -> Option<Trial> {
+        let aside = self.trials.put_aside(number)?;
+        self.visits.note_held(&aside.client_id, self.trials.held_by(&aside.client_id) > 0);
+        Some(aside)
+    }
+
     /// Takes a trial out of the open ones.
     pub(crate) fn end(&mut self, number: TrialNumber) -> Option<Trial> {
         let trial = self.trials.remove(number)?;

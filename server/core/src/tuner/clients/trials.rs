@@ -1,12 +1,13 @@
 //! The open trials of a study, their leases and their holders.
 //!
-//! Invariants: every open trial has one lease, one holder and one entry among the running configurations of
-//! its state. A client holds at most one trial of a state. Numbers rise by one.
+//! Invariants: every open trial has one lease, one entry among the running configurations of its state, and
+//! one holder unless it was put aside. A client holds at most one trial of a state. Numbers rise by one.
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 
 use crate::configuration::Configuration;
 use crate::ids::{StateId, TrialNumber};
+use crate::limits::{EARLIER_SESSIONS_MAX, OPEN_TRIALS_PER_CLIENT_MAX};
 use crate::trial::Trial;
 
 #[derive(Clone, Debug, Default)]
@@ -15,6 +16,8 @@ pub(crate) struct OpenTrials {
     /// The ends of their leases, in milliseconds of the caller's clock, soonest first.
     leases: BTreeSet<(i64, TrialNumber)>,
     held: BTreeMap<String, BTreeMap<StateId, TrialNumber>>,
+    /// The number of trials that were put aside, for clients that have any.
+    aside: BTreeMap<String, usize>,
     /// The number of open trials of each configuration in each state. Only looked up, so its order does not
     /// matter.
     running: HashMap<StateId, HashMap<Configuration, u32>>,
@@ -82,7 +85,11 @@ impl OpenTrials {
         self.last = self.last.max(number);
         let running = self.running.entry(state).or_default();
         *running.entry(trial.configuration.clone()).or_insert(0) += 1;
-        self.held.entry(trial.client_id.clone()).or_default().insert(state, number);
+        if trial.decision.put_aside {
+            *self.aside.entry(trial.client_id.clone()).or_default() += 1;
+        } else {
+            self.held.entry(trial.client_id.clone()).or_default().insert(state, number);
+        }
         self.leases.insert((trial.lease_expire_ms, number));
         self.open.insert(number, trial);
         assert!(self.last >= number && self.leases.len() >= self.open.len(), "{number:?} is open");
@@ -106,12 +113,46 @@ impl OpenTrials {
                 self.running.remove(&state);
             }
         }
+        match trial.decision.put_aside {
+            true => self.forget_aside(&trial.client_id),
+            false => self.let_go(&trial),
+        }
+        Some(trial)
+    }
+
+    /// The client of a trial does not hold it any more.
+    fn let_go(&mut self, trial: &Trial) {
         if let Some(held) = self.held.get_mut(&trial.client_id) {
-            held.remove(&state);
+            held.remove(&StateId(trial.state_id));
             if held.is_empty() {
                 self.held.remove(&trial.client_id);
             }
         }
+    }
+
+    /// One of the trials that were put aside for a client is not open any more.
+    fn forget_aside(&mut self, client_id: &str) {
+        if let Some(count) = self.aside.get_mut(client_id) {
+            assert!(*count > 0, "what was put aside is counted");
+            *count -= 1;
+            if *count == 0 {
+                self.aside.remove(client_id);
+            }
+        }
+    }
+
+    /// Takes an open trial from its client, which gets others in its place. It stays open under its lease.
+    /// `None` where too many were put aside for the client.
+    pub(crate) fn put_aside(&mut self, number: TrialNumber) -> Option<Trial> {
+        let trial = self.open.get_mut(&number)?;
+        let count = self.aside.get(&trial.client_id).copied().unwrap_or(0);
+        if count >= OPEN_TRIALS_PER_CLIENT_MAX || trial.decision.put_aside {
+            return None;
+        }
+        trial.decision.put_aside = true;
+        let trial = trial.clone();
+        self.aside.insert(trial.client_id.clone(), count + 1);
+        self.let_go(&trial);
         Some(trial)
     }
 
@@ -119,10 +160,15 @@ impl OpenTrials {
     /// Another session has not shown yet that it runs the trial, which the one before left behind.
     pub(crate) fn hold_by(&mut self, number: TrialNumber, session: u64, lost_leases: u32) {
         if let Some(trial) = self.open.get_mut(&number) {
-            let is_another = trial.decision.session != session;
-            trial.decision.heartbeat &= !is_another;
-            trial.decision.left_behind |= is_another;
-            (trial.decision.session, trial.decision.lost_leases) = (session, lost_leases);
+            let held = &mut trial.decision;
+            if held.session != session {
+                (held.heartbeat, held.left_behind) = (false, true);
+                if held.earlier_sessions.len() >= EARLIER_SESSIONS_MAX {
+                    held.earlier_sessions.remove(0);
+                }
+                held.earlier_sessions.push(held.session);
+            }
+            (held.session, held.lost_leases) = (session, lost_leases);
         }
     }
 
@@ -182,5 +228,38 @@ mod tests {
         assert!(trials.remove(TrialNumber(3)).is_some());
         assert_eq!((trials.len(), trials.held_by("a"), trials.next_expiry_ms()), (0, 0, None));
         assert_eq!(trials.last(), TrialNumber(3), "numbers are never used again");
+    }
+
+    #[test]
+    fn what_is_put_aside_is_open_and_its_client_holds_another() {
+        let (mut trials, state) = (OpenTrials::default(), StateId(1));
+        let held = |trials: &OpenTrials| trials.of_client("a", state).map(|trial| trial.number);
+        for number in 1..=OPEN_TRIALS_PER_CLIENT_MAX as u64 {
+            trials.enter(trial(number, "a", 1, 50));
+            let aside = trials.put_aside(TrialNumber(number)).expect("there is room");
+            assert!(aside.decision.put_aside);
+            assert_eq!((held(&trials), trials.held_by("a")), (None, 0));
+        }
+        let more = OPEN_TRIALS_PER_CLIENT_MAX as u64 + 1;
+        trials.enter(trial(more, "a", 1, 60));
+        assert_eq!(trials.put_aside(TrialNumber(more)), None, "too many");
+        let first = trials.remove(TrialNumber(1)).expect("it is open");
+        assert_eq!((held(&trials), trials.due(51).len()), (Some(more), OPEN_TRIALS_PER_CLIENT_MAX - 1));
+        assert!(trials.put_aside(TrialNumber(more)).is_some(), "there is room again");
+        // One that comes back from the store is nobody's either.
+        assert!(trials.remove(TrialNumber(2)).is_some());
+        trials.enter(first);
+        assert_eq!((held(&trials), trials.len()), (None, OPEN_TRIALS_PER_CLIENT_MAX));
+    }
+
+    #[test]
+    fn earlier_sessions_of_a_trial_are_remembered_the_latest_last() {
+        let mut trials = OpenTrials::default();
+        trials.enter(trial(1, "a", 1, 50));
+        (1..=EARLIER_SESSIONS_MAX as u64 + 3).for_each(|session| trials.hold_by(TrialNumber(1), session, 0));
+        let decision = &trials.get(TrialNumber(1)).expect("it is open").decision;
+        assert_eq!(decision.earlier_sessions.len(), EARLIER_SESSIONS_MAX);
+        assert_eq!(decision.earlier_sessions.last(), Some(&(EARLIER_SESSIONS_MAX as u64 + 2)));
+        assert!(decision.left_behind && !decision.put_aside);
     }
 }

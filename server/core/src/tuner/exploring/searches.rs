@@ -89,6 +89,12 @@ impl Searches {
         self.record(state).map_or(0, |exploration| exploration.lost(configuration, false))
     }
 
+    /// The lost leases of a configuration that a trial of it names. One that names as many as make it
+    /// infeasible was given up.
+    pub(crate) fn lost_before(&self, state: StateId, configuration: &Configuration) -> u32 {
+        self.lost(state, configuration).min(LEASES_LOST_MAX - 1)
+    }
+
     /// The number of lost leases of a client's start.
     pub(crate) fn lost_starts(&self, state: StateId, start: &Configuration) -> u32 {
         self.record(state).map_or(0, |exploration| exploration.lost(start, true))

@@ -1,6 +1,7 @@
 //! States, leases and refusals.
 
 use super::*;
+use crate::tuner::replay_tests::Rows;
 
 #[test]
 fn a_lost_answer_is_given_again_with_a_fresh_lease() {
@@ -324,8 +325,89 @@ fn a_client_that_was_started_anew_has_lost_its_lease() {
     assert_eq!(change.states.len(), 1, "a restart of the daemon does not forget it");
     let (other, change) = session(&mut tuner, 9);
     assert_ne!(other.configuration, first.configuration);
-    let given_up = change.trials.iter().find(|trial| trial.number == first.number).expect("reported");
+    let own = |change: &Change| change.trials.iter().find(|trial| trial.number == first.number).cloned();
+    let aside = own(&change).expect("it changed");
+    assert!(aside.state == TrialState::Open && aside.decision.put_aside, "{aside:?}");
+    let given_up = own(&tuner.expire(60_011)).expect("its lease has ended");
     assert!(matches!(given_up.outcome, Some(Outcome::Infeasible { .. })), "{given_up:?}");
+}
+
+#[test]
+fn two_programs_that_share_a_client_id_outlaw_nothing() {
+    for lives in [false, true] {
+        let mut tuner = tuner(explore_always());
+        run(&mut tuner, "a", 0.5, 0.5, 2);
+        let begin = |tuner: &mut Tuner, session: u64| {
+            tuner.suggest(&Ask { session, ..ask("a", 0.5, 0.5) }, 10).expect("valid").0
+        };
+        let first = begin(&mut tuner, 7);
+        assert!(!lives || tuner.extend_lease(&first, 10).is_ok());
+        for session in [8, 7, 8, 7, 8, 7, 8] {
+            assert_eq!(begin(&mut tuner, session).number, first.number, "session {session}");
+        }
+        assert_eq!(tuner.searches.lost(StateId(1), &first.configuration), 0, "{lives}");
+        let held = tuner.clients.open_trial(first.number).expect("it is open");
+        assert_eq!((held.decision.lost_leases, held.decision.put_aside), (0, false));
+        let change = tuner.expire(60_011);
+        assert_eq!(change.trials[0].state, TrialState::Expired);
+        assert_eq!(tuner.searches.lost(StateId(1), &first.configuration), 0, "one was silent");
+    }
+}
+
+#[test]
+fn what_many_programs_of_a_client_id_left_behind_is_infeasible_unless_one_reports_it() {
+    let begin = |tuner: &mut Tuner, rows: &mut Rows, session: u64| {
+        let asked = Ask { session, ..ask("farm", 0.5, 0.5) };
+        let (trial, change) = tuner.suggest(&asked, 10).expect("valid");
+        rows.write(&change);
+        trial
+    };
+    let report = |tuner: &mut Tuner, rows: &mut Rows, trial: &Trial| {
+        let reported = tuner.report(trial, measured(cost(trial)), Outcome::Ok, 20).expect("it is open");
+        rows.write(&reported.1);
+    };
+    for is_reported in [true, false] {
+        let (mut tuner, mut rows) = (tuner(explore_always()), Rows::default());
+        for _ in 0..2 {
+            let trial = begin(&mut tuner, &mut rows, 1);
+            report(&mut tuner, &mut rows, &trial);
+        }
+        let trials: Vec<Trial> = (1..=5).map(|session| begin(&mut tuner, &mut rows, session)).collect();
+        let (first, state) = (&trials[0], StateId(1));
+        let further: Vec<u64> = trials.iter().map(|trial| trial.number - first.number).collect();
+        assert_eq!(further, [0, 0, 0, 1, 1], "three may have crashed");
+        assert_ne!(trials[3].configuration, first.configuration);
+        // A daemon that starts again knows both.
+        let mut tuner = rows.restore(&tuner, None);
+        let aside = tuner.clients.open_trial(first.number).expect("it is open");
+        assert!(aside.decision.put_aside && aside.decision.earlier_sessions == [1, 2], "{aside:?}");
+        assert!(!tuner.knowledge.states.results(state).is_infeasible(&first.configuration));
+        assert_eq!(begin(&mut tuner, &mut rows, 5), trials[4]);
+        if is_reported {
+            report(&mut tuner, &mut rows, first);
+            assert_eq!(tuner.searches.lost(state, &first.configuration), 0);
+            assert!(tuner.knowledge.states.results(state).ran(&first.configuration).is_some());
+        }
+        let change = tuner.expire(60_011);
+        let ended = change.trials.iter().find(|trial| trial.number == first.number);
+        let is_given_up = ended.is_some_and(gave_up);
+        assert_eq!(is_given_up, !is_reported, "{ended:?}");
+        let is_infeasible = tuner.knowledge.states.results(state).is_infeasible(&first.configuration);
+        assert_eq!(is_infeasible, !is_reported);
+    }
+}
+
+#[test]
+fn what_is_put_aside_and_reported_to_fail_was_not_given_up() {
+    let mut tuner = tuner(explore_always());
+    run(&mut tuner, "a", 0.5, 0.5, 2);
+    let trials = [1, 2, 3, 4]
+        .map(|session| tuner.suggest(&Ask { session, ..ask("a", 0.5, 0.5) }, 10).expect("valid").0);
+    assert_ne!(trials[3].number, trials[0].number);
+    let fails = |tuner: &mut Tuner, trial: &Trial| tuner.report(trial, BTreeMap::new(), infeasible(), 20);
+    let failed = fails(&mut tuner, &trials[0]).expect("it is open").0;
+    assert!(!gave_up(&failed), "{failed:?}");
+    assert_eq!(fails(&mut tuner, &failed), Err(TunerError::AlreadyCompleted(failed.number)));
 }
 
 #[test]
@@ -348,7 +430,11 @@ fn a_program_that_is_interrupted_twice_outlaws_nothing_and_a_crash_goes_on_for_f
     assert!(!tuner.knowledge.states.results(StateId(1)).is_infeasible(&first.configuration));
     let other = begin(&mut tuner, 4);
     assert_ne!(other.configuration, first.configuration, "three programs did not come back from it");
-    assert!(tuner.knowledge.states.results(StateId(1)).is_infeasible(&first.configuration));
+    let is_infeasible =
+        |tuner: &Tuner| tuner.knowledge.states.results(StateId(1)).is_infeasible(&first.configuration);
+    assert!(!is_infeasible(&tuner), "each of them may live");
+    assert!(!tuner.expire(60_011).trials.is_empty());
+    assert!(is_infeasible(&tuner));
 }
 
 #[test]
