@@ -402,7 +402,7 @@ mod tests {
         assert!(restoring.pass_over(60).is_err(), "it was passed over");
         let back = restoring.finish([]).expect("whole");
         assert_eq!(back.statistics().completed_trials, 60);
-        (learnt.completed, learnt.last_completion) = (60, 60);
+        (learnt.knowledge.completed, learnt.knowledge.last_completion) = (60, 60);
         assert_eq!(
             back.knowledge.learnt(back.spec()).checkpoint(),
             learnt.knowledge.learnt(learnt.spec()).checkpoint()

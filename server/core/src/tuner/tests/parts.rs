@@ -162,9 +162,10 @@ fn a_portfolio_begins_where_most_states_near_by_were_searched() {
     );
     let neighbours = tuner.exploiting(&Planned::AtOnce).transfer.neighbours(StateId(2));
     assert_eq!(neighbours.iter().map(|near| near.state_id).collect::<Vec<_>>(), [1], "not its own neighbour");
-    let mut deaf = super::tuner(Policy { search: SearchMethod::Random, ..explore_always() });
-    run(&mut deaf, "a", 0.1, 0.5, 8);
-    assert!(!deaf.transfer().begins_with_portfolio(&[0.5, 0.5], None), "a search that hears nobody");
+    let mut hears_nobody = super::tuner(Policy { search: SearchMethod::Random, ..explore_always() });
+    run(&mut hears_nobody, "a", 0.1, 0.5, 8);
+    let deaf = hears_nobody.exploiting(&Planned::AtOnce);
+    assert!(!deaf.transfer.begins_with_portfolio(&[0.5, 0.5], None), "a search that hears nobody");
 }
 
 /// Another client reports from the state whenever an assessment of it is made.
