@@ -6,7 +6,7 @@ use crate::ids::StateId;
 use crate::predict::Predictors;
 use crate::search::Verdict;
 use crate::study::StudySpec;
-use crate::trial::{Outcome, Trial};
+use crate::trial::{Outcome, Rule, Trial};
 use crate::tuner::exploring::transfer;
 use crate::tuner::knowledge::{Beside, Knowledge, LearntCost, Moved, Unheld, models, progress};
 
@@ -110,7 +110,8 @@ impl Knowledge {
             let has_metrics = beside.as_ref().is_some_and(|beside| !beside.auxiliary.is_empty());
             let holds = !has_metrics || self.auxiliaries.explains(state);
             let what = (trial.client_id.as_str(), trial.number, state);
-            let held = self.speeds.take(what, &trial.configuration, denoised, table, holds);
+            let is_again = trial.decision.rule() == Some(Rule::Incumbent);
+            let held = self.speeds.take(what, &trial.configuration, denoised, table, (holds, is_again));
             factor = held.factor;
             self.states.amend(state, |results| results.note_pace(trial, denoised, factor));
             // While others are explored, a shift may be the luck by which they were chosen.

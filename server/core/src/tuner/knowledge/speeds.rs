@@ -106,14 +106,15 @@ pub(crate) struct Held {
 
 impl Speeds {
     /// Takes a cost that a client measured in a state, before the state's table learns it. A cost that is not
-    /// understood yet does not hold the speed; its trial is only counted.
+    /// understood yet does not hold the speed; its trial is only counted. `is_again` says whether the trial
+    /// measured the incumbent once more.
     pub(crate) fn take(
         &mut self,
         (client_id, trial, state): (&str, u64, StateId),
         configuration: &Configuration,
         cost: f64,
         (results, default): (&ResultTable, &Configuration),
-        holds: bool,
+        (holds, is_again): (bool, bool),
     ) -> Held {
         self.clock += 1;
         if !self.clients.contains_key(client_id) {
@@ -140,7 +141,8 @@ impl Speeds {
             !record.infeasible && is_clear && record.evidence.count() >= least
         });
         if !holds {
-            if known.is_some() {
+            // The next repeat waits for other configurations, whether or not the cost is known by now.
+            if known.is_some() || is_again && configuration != default {
                 client.since = 0;
             }
             return Held { factor: 1.0, jumped: None, is_shifted: false };
@@ -235,5 +237,30 @@ impl Speeds {
     pub(crate) fn fits(&self, space: &crate::space::Space) -> bool {
         let mut unheld = self.clients.values().flat_map(|client| &client.unheld);
         unheld.all(|one| space.owns(&one.configuration.0))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::tuner::tests::spec;
+
+    /// Costs that are not understood yet hold no speed, so that the incumbent's need not be known.
+    #[test]
+    fn an_incumbent_of_other_states_is_not_repeated_without_others_between() {
+        let space = spec(Policy::default()).space;
+        let (incumbent, other) = (space.decode(&[0.9; 4]), space.decode(&[0.1; 4]));
+        let (state, table) = (StateId(1), ResultTable::default());
+        let mut speeds = Speeds::default();
+        let mut repeats = Vec::new();
+        for trial in 1..=12 {
+            let is_again = speeds.is_due("a", state, true, false);
+            let configuration = if is_again { &incumbent } else { &other };
+            let known = (&table, space.default_ref());
+            let held = speeds.take(("a", trial, state), configuration, 1.0, known, (false, is_again));
+            assert_eq!(held, Held { factor: 1.0, jumped: None, is_shifted: false });
+            repeats.extend(is_again.then_some(trial));
+        }
+        assert_eq!(repeats, [4, 8, 12], "one after {INTERVAL_HURRIED} others");
     }
 }
