@@ -139,6 +139,10 @@ pub trait Search {
     ) {
     }
 
+    /// Gives a new search points of other states that may be looked at because parameters act there that act
+    /// in no other point, the most promising first. A search that does not hear others ignores it.
+    fn look_at(&mut self, _looks: Vec<Vec<f64>>) {}
+
     /// Names the space to a search that was read from its row. A search without a model ignores it.
     fn set_space(&mut self, _space: &Space) {}
 

@@ -54,10 +54,13 @@ impl ModelSearch {
 
     /// The numbers of points that did better than the default, and clearly worse; both are 0 before the
     /// default was measured. Where the default itself serves most states best, the others hardly beat it.
+    /// Looks at other branches say nothing of them.
     fn against_default(&self) -> (usize, usize) {
         let Some(default) = self.default_seen().map(|seen| seen.observed.cost()) else { return (0, 0) };
-        let better = self.seen.iter().filter(|seen| seen.observed.cost() < default).count();
-        let worse = self.seen.iter().filter(|seen| seen.observed.cost() > CLEARLY_WORSE * default).count();
+        let counted = self.seen.iter().filter(|seen| !self.looks.has_asked(&seen.x));
+        let costs: Vec<f64> = counted.map(|seen| seen.observed.cost()).collect();
+        let better = costs.iter().filter(|cost| **cost < default).count();
+        let worse = costs.iter().filter(|cost| **cost > CLEARLY_WORSE * default).count();
         (better, worse)
     }
 

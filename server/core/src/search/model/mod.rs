@@ -28,7 +28,7 @@
 //!   point and the best of the others, and costs may depend on it linearly. Its weight is learnt like a
 //!   length, and each parameter's part in it is weighed by the measurements here. While no better point is
 //!   found, their further winners are tried now and then: no sum of effects shows values that pay only
-//!   together.
+//!   together. A few early points open branches of the space that they speak against (see `looks`).
 //! - *Known errors.* A point whose client knows the standard error of its measurements counts for less than
 //!   others, by its share in the variance.
 //! - *Scale.* Costs are seen through a logarithm whose origin is chosen by likelihood (see `gp::warping`).
@@ -49,6 +49,7 @@ mod doubt;
 mod failure;
 mod held;
 mod local;
+mod looks;
 
 use std::collections::VecDeque;
 
@@ -66,6 +67,7 @@ pub use ahead::PlannedPoint;
 use cheaper::CheaperLevels;
 use failure::RunElsewhere;
 use local::Near;
+use looks::Looks;
 
 /// Steps of a canonical coordinate that are distinguished.
 const GRID: f64 = (1u32 << 24) as f64;
@@ -141,6 +143,8 @@ pub struct ModelSearch {
     /// point is found.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     winners: Vec<Vec<u32>>,
+    #[serde(default, skip_serializing_if = "is_default")]
+    looks: Looks,
     /// Configurations that ran and that failed in other states.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     runs_elsewhere: Vec<RunElsewhere>,
@@ -198,6 +202,7 @@ impl ModelSearch {
             queue: VecDeque::new(),
             elsewhere: VecDeque::new(),
             winners: Vec::new(),
+            looks: Looks::default(),
             runs_elsewhere: Vec::new(),
             default_is_due: false,
             queue_of_steps: false,
@@ -421,7 +426,7 @@ impl Search for ModelSearch {
         if self.pending.added() == 0 || std::mem::take(&mut self.default_is_due) {
             return Some(self.pending.add(self.setup.start.clone(), Step::Default));
         }
-        if let Some(x) = self.next_from_elsewhere() {
+        if let Some(x) = self.next_look().or_else(|| self.next_from_elsewhere()) {
             return Some(self.make_pending((x, Step::Elsewhere, None)));
         }
         if self.is_mostly_infeasible() {
@@ -555,12 +560,17 @@ impl Search for ModelSearch {
         self.runs_elsewhere = runs.iter().map(run).collect();
     }
 
+    fn look_at(&mut self, looks: Vec<Vec<f64>>) {
+        self.looks.left = looks;
+    }
+
     /// The next point is at hand: a withdrawn one, one of the design, or a planned one.
     fn is_ready(&self) -> bool {
         let begins = self.pending.added() == 0 || self.default_is_due || self.pending.has_withdrawn();
+        let looks = self.due_look().is_some();
         let designs = self.believes_others() || !self.queue.is_empty() && !self.is_mostly_infeasible();
         let probes = self.unseen_level().is_some();
-        begins || designs || probes || self.planned.as_ref().is_some_and(|plan| self.is_good(plan))
+        begins || looks || designs || probes || self.planned.as_ref().is_some_and(|plan| self.is_good(plan))
     }
 
     fn ask_at_once(&mut self) -> Option<Point> {
