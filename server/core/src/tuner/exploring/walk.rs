@@ -104,6 +104,7 @@ impl<'a> Walk<'a> {
             let begins = || transfer.evidence(state).beginning(space);
             if let Some(start) = planned.beginning(state, &self.states[state].anchor, begins) {
                 search.follow(start.main_effects, start.first, start.winners, start.runs);
+                search.look_at(start.looks);
                 incumbent = start.incumbent;
             }
         }

@@ -12,9 +12,10 @@
 
 use crate::configuration::Configuration;
 use crate::limits::REWARD_COST_MIN;
+use crate::results::Record;
 use crate::search::{Layout, MainEffects, SourceMeasurement, SourceRun, on_grid};
 use crate::space::Space;
-use crate::tuner::knowledge::portfolio::MeasuredElsewhere;
+use crate::tuner::knowledge::portfolio::{MeasuredElsewhere, OtherState};
 
 /// Numbers of nearest states, and of their best measured configurations, that main effects are fitted to.
 pub(crate) const STATES: usize = 8;
@@ -24,6 +25,9 @@ const RECORDS: usize = 640;
 const INCUMBENT_STATES_LEAST: usize = 2;
 /// The most winners of single states beside the portfolio.
 const WINNERS: usize = 16;
+/// Multiple of a state's best cost above which a branch did badly there: where clients stop trials. A branch
+/// that did so in all of the nearest states gets no look.
+const LOOK_DEAREST: f64 = 4.0;
 /// The most of their configurations that show what runs and what fails.
 const RUNS: usize = 64;
 
@@ -35,6 +39,8 @@ pub(crate) struct WarmStart {
     pub(crate) first: Vec<Vec<f64>>,
     /// Winners of single states that are not among these, the nearest state's first.
     pub(crate) winners: Vec<Vec<f64>>,
+    /// Points in which parameters act that do not in the default, the most promising first.
+    pub(crate) looks: Vec<Vec<f64>>,
     /// Configurations that ran and that failed elsewhere; empty where nothing failed.
     pub(crate) runs: Vec<SourceRun>,
     /// The best fixed configuration of several other states, which is the incumbent here where it is not the
@@ -70,7 +76,45 @@ impl MeasuredElsewhere {
         let incumbent = Some(space.decode(&on_grid(&first[0])))
             .filter(|first| self.states.len() >= INCUMBENT_STATES_LEAST && first != space.default_ref());
         let winners = self.winners(space, &first);
-        Some(WarmStart { main_effects, first, winners, runs: self.runs(space), incumbent })
+        let (looks, runs) = (self.looks(space), self.runs(space));
+        Some(WarmStart { main_effects, first, winners, looks, runs, incumbent })
+    }
+
+    /// For each parameter that does not act in the default: the configuration in which it acts that came
+    /// nearest to the best of one of the nearest states. A state that is unlike all of them is most like this
+    /// one. They are in the order of that distance.
+    fn looks(&self, space: &Space) -> Vec<Vec<f64>> {
+        let nearest = &self.states[..self.states.len().min(STATES)];
+        let default = space.default_ref();
+        let idle = space.parameters().iter().filter(|parameter| default.get(&parameter.name).is_none());
+        let mut looks: Vec<(f64, Vec<f64>)> = Vec::new();
+        for parameter in idle {
+            let cheapest = nearest.iter().filter_map(|other| self.cheapest_with(&parameter.name, other));
+            // The nearest state's among equals.
+            let least = cheapest.reduce(|best, one| if one.0 < best.0 { one } else { best });
+            let Some((ratio, configuration)) = least.filter(|(ratio, _)| *ratio <= LOOK_DEAREST) else {
+                continue;
+            };
+            let x = space.encode(configuration);
+            if looks.iter().all(|(_, other)| *other != x) {
+                looks.push((ratio, x));
+            }
+        }
+        looks.sort_by(|a, b| a.0.total_cmp(&b.0));
+        looks.into_iter().map(|(_, x)| x).collect()
+    }
+
+    /// The cheapest configuration of another state in which a parameter acts and that is not known to fail,
+    /// and its cost as a multiple of the best one there.
+    fn cheapest_with<'a>(&self, name: &str, other: &'a OtherState) -> Option<(f64, &'a Configuration)> {
+        let reach = other.results.reach();
+        let is_told = |record: &&Record| record.told_cost(reach).is_some();
+        let best = other.results.ranked().find(is_told)?;
+        let acts = |record: &&Record| record.configuration.get(name).is_some();
+        let runs = |record: &&Record| acts(record) && is_told(record) && !self.fails(&record.configuration);
+        let cheapest = other.results.ranked().find(runs)?;
+        let ratio = cheapest.mean_cost.max(REWARD_COST_MIN) / best.mean_cost.max(REWARD_COST_MIN);
+        Some((ratio, &cheapest.configuration))
     }
 
     /// The answers of the states that are not among the `first` points and not known to fail, nearest first.

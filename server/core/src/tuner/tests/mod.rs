@@ -1,6 +1,7 @@
 //! The promises of the state machine to its clients, one a test; here the study they share.
 
 mod answers;
+mod branches;
 mod budget;
 mod changed;
 mod decisions;
