@@ -1,10 +1,10 @@
 //! A quick tree first, and a better one built behind the frames.
 //!
-//! Nobody knows how many frames a tree will serve when the geometry changes. So a quick tree is built at once.
-//! When frames with it have lost as much as the better tree would have cost more, that one is begun by threads
-//! of its own, while frames go on with the quick one. The frame after it is ready swaps them. With both trees'
-//! times known this takes at most twice as long as with the number of frames known (Karlin, Manasse, Rudolph
-//! and Sleator, "Competitive snoopy caching", 1988). The times are learnt from swap to swap.
+//! Nobody knows how many frames a tree will serve when the geometry changes. So a quick tree is built at
+//! once. When frames with it have lost as much as the better tree would have cost more, that one is begun by
+//! threads of its own, while frames go on with the quick one. The frame after it is ready swaps them. With
+//! both trees' times known this takes at most twice as long as with the number of frames known (Karlin,
+//! Manasse, Rudolph and Sleator, "Competitive snoopy caching", 1988). They are learnt from swap to swap.
 
 use std::sync::mpsc::{Receiver, TryRecvError, channel};
 use std::sync::{Arc, OnceLock};
@@ -234,8 +234,8 @@ impl Swapper {
         }
     }
 
-    /// Moves on to another moment. Where instances move, the structure that serves is brought along, and so is
-    /// one on its way; else nothing serves any more.
+    /// Moves on to another moment. Where instances move, the structure that serves is brought along, and so
+    /// is one on its way; else nothing serves any more.
     pub fn move_to(&mut self, renderer: &mut Renderer, scene: &Arc<Scene>) {
         if let Some(serving) = &self.serving
             && scene.instances.is_some()
@@ -422,7 +422,7 @@ mod tests {
             builtin::build("gallery", &builtin::Options { detail: 0.02, ..Default::default() })
                 .expect("it is built in"),
         );
-        let mut renderer = Renderer::new(Arc::clone(&scene), 2).expect("Embree starts");
+        let mut renderer = Renderer::new(Arc::clone(&scene), 0).expect("Embree starts");
         let space = |builds_each_frame| {
             TuningSpace::new(Preset::Full, &Premises { builds_each_frame, ..Premises::all() })
         };
