@@ -88,7 +88,8 @@ def ours(options, scene):
             points = [point for run in found["runs"] for point in run["points"] if point["samples"] == samples]
             how = light([name] if name in options.config else [])
             pictures = [picture(samples, 601 + number, *how) for number in range(options.repeats)]
-            rows.append(row(name, samples, [point["render_ms"] / 1e3 for point in points],
+            who = f"light {1 + options.config.index(name)}" if name in options.config else name
+            rows.append(row(who, samples, [point["render_ms"] / 1e3 for point in points],
                             [point["relative_mse"] for point in points], map(yardstick.trimmed, pictures)))
     return yardstick, rows
 
@@ -155,7 +156,7 @@ def main():
     add("--threads", type=int, default=2)
     add("--repeats", type=int, default=3)
     add("--reference-spp", type=int, default=4096)
-    add("--config", action="append", default=[], help="one more way to sample light, as for converge --space light")
+    add("--config", action="append", default=[], help="one more way to sample light, as for converge --space light; called light 1, 2, …")
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
     meshes = matt_copy(options.scene, options.out / "matt.glb")
