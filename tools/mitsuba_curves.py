@@ -156,7 +156,7 @@ def main():
     add("--threads", type=int, default=2)
     add("--repeats", type=int, default=3)
     add("--reference-spp", type=int, default=4096)
-    add("--config", action="append", default=[], help="one more way to sample light, as for converge --space light; called light 1, 2, …")
+    add("--config", action="append", default=[], help="as for converge --space light; in charts light 1, 2, …")
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
     meshes = matt_copy(options.scene, options.out / "matt.glb")
