@@ -299,7 +299,7 @@ impl Suggestion {
 
     /// Whether the daemon answered it, and neither explored nor let the program have its own way. The default
     /// is measured as a baseline, too, which is no answer.
-    fn is_answer(&self) -> bool {
+    pub fn is_answer(&self) -> bool {
         use Rule::{Exploit, Finished, Frozen, Gain, RolledBack, Shadow};
         let rule = self.reason.explanation.rule.and_then(OpenEnum::known);
         let is_settled = matches!(rule, Some(Exploit | Finished | Frozen | Gain | RolledBack | Shadow));

@@ -10,7 +10,7 @@ use std::sync::mpsc::{Receiver, TryRecvError, channel};
 use std::sync::{Arc, OnceLock};
 use std::time::Instant;
 
-use treewright_accel::{BuildChoice, BuildError, Structure, Update};
+use treewright_accel::{BuildChoice, BuildError, Builder, Structure, TreeParameters, Update};
 use treewright_scene::Scene;
 
 use crate::film::Film;
@@ -174,8 +174,8 @@ pub struct Swapper {
     build_ms: f64,
     pool: rayon::ThreadPool,
     pending: Option<Pending>,
-    /// One that could not be built; it is not tried again.
-    failed: Option<BuildChoice>,
+    /// The latest one that could not be built, and why; it is not tried again.
+    failed: Option<(BuildChoice, BuildError)>,
     /// What bringing the structure to this moment took, until a frame shows it.
     followed_ms: Option<f64>,
     rule: Rule,
@@ -193,7 +193,8 @@ pub enum Came {
 }
 
 impl Swapper {
-    /// Begins with nothing built. A quarter of the render threads, at least one, build behind.
+    /// Begins with nothing built. A quarter as many threads as render, at least one, build behind, and
+    /// Embree's own where the builder is Embree's.
     ///
     /// # Errors
     /// The system gives no threads.
@@ -221,6 +222,11 @@ impl Swapper {
         self.build_ms
     }
 
+    /// Why a choice could not be built behind, if that was tried last.
+    pub fn failure(&self, choice: &Choice) -> Option<&BuildError> {
+        self.failed.as_ref().filter(|(failed, _)| *failed == choice.build).map(|(_, error)| error)
+    }
+
     /// Whether a tree is being built behind: frames are slower meanwhile.
     pub fn is_building(&self) -> bool {
         self.pending.is_some()
@@ -228,7 +234,7 @@ impl Swapper {
 
     /// The geometry changed, or a trial has built a structure of its own: nothing serves any more.
     pub fn begin_again(&mut self) {
-        self.serving = None;
+        (self.serving, self.followed_ms) = (None, None);
         if let Some(pending) = &mut self.pending {
             pending.is_late = true;
         }
@@ -263,11 +269,11 @@ impl Swapper {
         };
         if serving.build == better.build {
             *serving = *better;
-        } else if self.pending.is_none() && self.failed != Some(better.build) && self.rule.is_due() {
+        } else if self.pending.is_none() && self.failure(better).is_none() && self.rule.is_due() {
             self.begin(renderer, better);
         }
         let followed = self.followed_ms.take().map(Came::Built);
-        Ok(followed.or(swapped.map(Came::Swapped)).unwrap_or(Came::Kept))
+        Ok(swapped.map(Came::Swapped).or(followed).unwrap_or(Came::Kept))
     }
 
     /// Renders one sample a pixel; returns the time in milliseconds. `None` before the first structure.
@@ -297,7 +303,13 @@ impl Swapper {
     fn begin(&mut self, renderer: &Renderer, better: &Choice) {
         let (sender, built) = channel();
         let job = renderer.build_job(&better.build);
-        let share = self.pool.current_num_threads() as f64 / renderer.threads() as f64;
+        // Embree builds with all threads of its device.
+        let share = match better.build {
+            BuildChoice::Tree(TreeParameters { builder: Builder::Ploc, .. }) => {
+                self.pool.current_num_threads() as f64 / renderer.threads() as f64
+            }
+            _ => 1.0,
+        };
         self.pool.spawn(move || {
             let begin = Instant::now();
             let built = job();
@@ -316,9 +328,12 @@ impl Swapper {
             Ok(built) => Some(built),
         };
         let Pending { choice, is_late, .. } = self.pending.take()?;
-        let Some(Ok((structure, build_ms))) = built else {
-            self.failed = Some(choice.build);
-            return None;
+        let (structure, build_ms) = match built? {
+            Ok(built) => built,
+            Err(error) => {
+                self.failed = Some((choice.build, error));
+                return None;
+            }
         };
         self.rule.built(build_ms);
         if is_late {

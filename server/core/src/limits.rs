@@ -13,6 +13,8 @@ pub const STATES_MAX: usize = if cfg!(test) { 2000 } else { 1_000_000 };
 pub const STATES_OF_NEW_MACHINES_MAX: usize = if cfg!(test) { 2 } else { 4096 };
 /// Most trials one client may hold open, one per state, and most that are put aside for it.
 pub const OPEN_TRIALS_PER_CLIENT_MAX: usize = 64;
+/// Most trials of a study that are put aside at a time.
+pub const TRIALS_ASIDE_MAX: usize = 4096;
 /// Most clients a study remembers the visits of. One more displaces the client with the oldest last decision
 /// among those that hold no trial.
 pub const CLIENTS_MAX: usize = if cfg!(test) { 200 } else { 100_000 };

@@ -259,7 +259,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         let suggestion = tuner.next_before(&indicators, &upcoming, previous.take());
         let waiting_ms = milliseconds(begin);
         flight.view.camera = camera;
-        let is_trial = suggestion.mode() == Mode::Explore;
+        let is_trial = suggestion.source() == Source::Daemon && !suggestion.is_answer();
         let shown = flight.frame(suggestion.configuration(), is_trial);
         let frame = PlayedFrame {
             number,

@@ -19,7 +19,8 @@
 //! no lease was lost. As long as each asks once, they look like one program that crashes at every start. So
 //! where enough of them left a trial behind for its configuration to count as infeasible, the trial is put
 //! aside. The client gets another one, and any of its sessions can report the first. The configuration counts
-//! as infeasible once that lease has ended without a report.
+//! as infeasible once that lease has ended without a report. An answer that was never measured would be given
+//! again at once, so it counts as infeasible without that wait.
 
 use std::collections::BTreeMap;
 
@@ -32,7 +33,7 @@ use crate::tuner::{Ask, Change, Tuner};
 impl Tuner {
     /// Counts a lost lease if the client was restarted since it received the trial that it holds for a state.
     /// Returns the change by which it holds the trial no more; `None` where it still does.
-    pub(super) fn lose_to_restart(&mut self, ask: &Ask, state: StateId) -> Option<Change> {
+    pub(super) fn lose_to_restart(&mut self, ask: &Ask, state: StateId, now_ms: i64) -> Option<Change> {
         let held = self.clients.trials.of_client(&ask.client_id, state)?;
         let number = TrialNumber(held.number);
         if ask.is_back_to(held) {
@@ -49,10 +50,15 @@ impl Tuner {
         let (results, default) = (self.knowledge.states.results(state), self.spec.space.default_ref());
         let lost_leases = self.searches.note_lost_lease(held, results, default, was_alive);
         let all_lost = self.searches.lost_before(state, &held.configuration);
-        if lost_leases >= LEASES_LOST_MAX
-            && let Some(aside) = self.clients.put_aside(number)
-        {
-            return Some(Change { trials: vec![aside], ..Change::default() });
+        let explores = held.decision.explores();
+        if lost_leases >= LEASES_LOST_MAX {
+            if !explores {
+                let lost = self.end_lost(number, lost_leases, now_ms);
+                return Some(Change { states: Vec::new(), ..lost });
+            }
+            if let Some(aside) = self.clients.put_aside(number) {
+                return Some(Change { trials: vec![aside], ..Change::default() });
+            }
         }
         if leaves_start {
             return Some(self.end_expired(number));

@@ -27,7 +27,7 @@ impl Tuner {
             self.knowledge.found(normalised.clone(), ask.fingerprint.as_ref())
         });
         let changes_before = self.searches.changes(state);
-        let mut change = self.lose_to_restart(ask, state).unwrap_or_default();
+        let mut change = self.lose_to_restart(ask, state, now_ms).unwrap_or_default();
         let visit_before = self.clients.visits.of(&ask.client_id).cloned();
         let fixed = wanted.or_else(|| self.exploiting(&planned).in_shadow(ask, &normalised, state));
         if fixed.is_none() {

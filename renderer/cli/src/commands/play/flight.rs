@@ -114,10 +114,12 @@ impl Flight {
         if self.swapper.is_some() && !is_trial {
             return self.swapped_frame(configuration);
         }
-        let rebuilt = self.make_ready(configuration);
         if let Some(swapper) = &mut self.swapper {
+            // A build behind would slow it down.
+            swapper.wait();
             swapper.begin_again();
         }
+        let rebuilt = self.make_ready(configuration);
         let rebuilt = match rebuilt {
             Ok(rebuilt) => rebuilt,
             Err(outcome) => {
@@ -146,12 +148,17 @@ impl Flight {
         }
         let came = match swapper.begin_frame(&mut self.renderer, &choice) {
             Ok(came) => came,
-            Err(error) => return failed(not_built(&error)),
+            // The quick tree is not the answer's.
+            Err(error) => return Shown { stands_in: true, ..failed(not_built(&error)) },
         };
+        let failure = swapper.failure(&choice).map(not_built);
         self.film.clear();
         let (renderer, view, film) = (&self.renderer, &self.view, &mut self.film);
         let (rendered, render) = renderer.watching_threads(|| swapper.render(renderer, view, film));
         let Some(render_ms) = rendered else { return failed(Outcome::failed("no structure was built")) };
+        if let Some(outcome) = failure {
+            return failed(outcome);
+        }
         let is_own = swapper.serving().is_some_and(|serving| *serving == choice) && !swapper.is_building();
         let build_ms = match came {
             Came::Built(build_ms) => build_ms,

@@ -7,7 +7,7 @@ use std::collections::{BTreeMap, BTreeSet, HashMap};
 
 use crate::configuration::Configuration;
 use crate::ids::{StateId, TrialNumber};
-use crate::limits::{EARLIER_SESSIONS_MAX, OPEN_TRIALS_PER_CLIENT_MAX};
+use crate::limits::{EARLIER_SESSIONS_MAX, OPEN_TRIALS_PER_CLIENT_MAX, TRIALS_ASIDE_MAX};
 use crate::trial::Trial;
 
 #[derive(Clone, Debug, Default)]
@@ -146,7 +146,8 @@ impl OpenTrials {
     pub(crate) fn put_aside(&mut self, number: TrialNumber) -> Option<Trial> {
         let trial = self.open.get_mut(&number)?;
         let count = self.aside.get(&trial.client_id).copied().unwrap_or(0);
-        if count >= OPEN_TRIALS_PER_CLIENT_MAX || trial.decision.put_aside {
+        let is_full = self.aside.values().sum::<usize>() >= TRIALS_ASIDE_MAX;
+        if is_full || count >= OPEN_TRIALS_PER_CLIENT_MAX || trial.decision.put_aside {
             return None;
         }
         trial.decision.put_aside = true;

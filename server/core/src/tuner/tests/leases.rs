@@ -438,6 +438,21 @@ fn a_program_that_is_interrupted_twice_outlaws_nothing_and_a_crash_goes_on_for_f
 }
 
 #[test]
+fn an_answer_that_was_never_measured_is_not_given_to_crash_after_crash() {
+    let mut tuner = tuner(explore_always());
+    run(&mut tuner, "a", 0.5, 0.5, 8);
+    tuner.set_policy(exploit_always()).expect("valid");
+    let begin = |tuner: &mut Tuner, session: u64| {
+        tuner.suggest(&Ask { session, ..ask("b", 0.6, 0.5) }, 10).expect("valid").0
+    };
+    let first = begin(&mut tuner, 1);
+    assert_ne!(first.configuration, tuner.spec().space.default_configuration());
+    (2..4).for_each(|session| assert_eq!(begin(&mut tuner, session).number, first.number));
+    assert_ne!(begin(&mut tuner, 4).configuration, first.configuration);
+    assert!(tuner.knowledge.states.results(StateId(2)).is_infeasible(&first.configuration));
+}
+
+#[test]
 fn a_program_that_crashes_at_once_and_is_started_after_its_lease_gets_on_as_well() {
     let mut tuner = tuner(explore_always());
     run(&mut tuner, "a", 0.5, 0.5, 2);
