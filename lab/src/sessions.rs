@@ -1,6 +1,7 @@
 //! Sums of measured builds and frames of sessions whose geometry changes every few frames.
 
 use serde::{Deserialize, Serialize};
+use treewright_renderer::swap;
 
 /// Build and frame of a structure. On disk a pair; nothing for one that cannot be built, since JSON has no
 /// infinity.
@@ -45,9 +46,9 @@ impl Times {
 
     /// Frames after which `better` would have been the cheaper from the start: 0 at once, `None` never.
     pub fn break_even(self, better: Self) -> Option<f64> {
-        let dearer_ms = better.build_ms - self.build_ms;
-        let sooner_ms = self.frame_ms - better.frame_ms;
-        (sooner_ms > 0.0 && dearer_ms.is_finite()).then(|| (dearer_ms / sooner_ms).max(0.0))
+        let [quick, better] =
+            [self, better].map(|Self { build_ms, frame_ms }| swap::Times { build_ms, frame_ms });
+        swap::break_even(quick, better)
     }
 
     /// Milliseconds of `frames` frames of an unknown number: `better` is built on the same cores after
