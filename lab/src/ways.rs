@@ -23,17 +23,13 @@ pub const COLUMNS: [&str; 4] = [
 ];
 
 /// Parameters of the space `light`, and values of each that are tried while all others stay as recommended.
-/// What the shares give counts only where nothing is learnt about them.
 pub const EACH_OF_LIGHT: &[(&str, &[&str])] = &[
-    ("candidates", &["candidates=2", "candidates=4", "candidates=8", "candidates=16"]),
+    ("candidates", &["candidates=1", "candidates=4", "candidates=8", "candidates=16"]),
     ("lamps", &["lamps=learnt"]),
     ("lamp_weight", &["lamp_weight=2.0", "lamp_weight=4.0", "lamp_weight=16.0"]),
-    ("sun_share", &["shares=fixed,sun_share=0.2", "shares=fixed,sun_share=0.8"]),
     ("sky", &["sky=plain"]),
-    ("shares", &["shares=fixed"]),
-    ("sky_share", &["shares=fixed,sky_share=0.1", "shares=fixed,sky_share=0.6"]),
     ("shadow_roulette", &["shadow_roulette=0.0", "shadow_roulette=0.1", "shadow_roulette=0.4"]),
-    ("path_roulette", &["path_roulette=0.0", "path_roulette=0.1", "path_roulette=0.5"]),
+    ("path_roulette", &["path_roulette=0.0", "path_roulette=0.2", "path_roulette=0.8"]),
 ];
 
 /// As [`EACH_OF_LIGHT`], of the space `follow`.

@@ -202,12 +202,15 @@ impl Renderer {
         Some(learning)
     }
 
-    /// Learns light with another structure.
+    /// Learns light with another structure. What is learnt does not depend on how light is looked for now.
     pub fn learn_light_with(&mut self, structure: &Structure, view: &View, size: [u32; 2]) -> LearningTimes {
+        let how = self.prepared.light_sampling();
+        self.set_light_sampling(LightSampling::default());
         let pilot = Pilot { prepared: &self.prepared, view, size };
         let learnt = self.pool.install(|| structure.visit(pilot));
         let times = learnt.times;
         Arc::make_mut(&mut self.prepared).take_over(learnt);
+        self.set_light_sampling(how);
         times
     }
 

@@ -12,17 +12,12 @@ pub struct LightSampling {
     pub lamps: LampChoice,
     /// Factor on a sampled lamp's weight against a bounce's, 1 and more, for the choice of candidates.
     pub lamp_weight: f32,
-    /// Share of shadow rays that turn to the sun where there are lamps, too: 0.05 to 0.95.
-    pub sun_share: f32,
     /// The sampling of the sky.
     pub sky: SkyChoice,
-    /// Share of shadow rays to the sky where it is sampled and not alone: 0.05 to 0.95.
-    pub sky_share: f32,
-    /// Whether shadow rays are divided by the shares learnt with the sky, instead of the two constants.
-    pub learnt_shares: bool,
     /// Shadow rays for less than this share of the mean are rarer, and brighter; 0 traces all.
     pub shadow_roulette: f32,
-    /// A path of less throughput goes on with a lower probability, brighter if it does; 0 ends none.
+    /// A path of less throughput, relative to that after its first vertex, goes on with a lower probability,
+    /// brighter if it does; 0 ends none.
     pub path_roulette: f32,
 }
 
@@ -44,7 +39,8 @@ pub enum SkyChoice {
     /// By the surfaces' own sampling; an environment map also by its brightness.
     #[default]
     Plain,
-    /// Also by where it was seen from in a few frames before, as through windows.
+    /// Also by where it was seen from in a few frames before, as through windows. Shadow rays are shared out
+    /// among the kinds of light by what each of them brought there.
     Learnt,
 }
 
@@ -78,10 +74,7 @@ impl Default for LightSampling {
             candidates: 2,
             lamps: LampChoice::Plain,
             lamp_weight: 1.0,
-            sun_share: 0.5,
             sky: SkyChoice::Plain,
-            sky_share: 0.5,
-            learnt_shares: false,
             shadow_roulette: 0.0,
             path_roulette: 0.0,
         }

@@ -37,7 +37,7 @@ pub(crate) fn front(found: &ParetoFront) -> String {
         table.trim_fmt()
     );
     if let Some(volume) = found.hypervolume {
-        text += &format!("\nhypervolume {volume:.4}");
+        text += &format!("\nhypervolume {}", figure(volume));
     }
     text
 }

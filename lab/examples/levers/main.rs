@@ -41,12 +41,15 @@ use treewright_renderer::frame::Renderer;
 use treewright_renderer::integrator::View;
 use treewright_renderer::limits::{EPISODE_FRAMES_MAX, ROUNDS_MAX, SIZE_MAX};
 use treewright_renderer::measure::{Conditions, Contender, Standing, Yardstick, interleaved, standings};
-use treewright_renderer::space::{Choice, Premises, Preset, TuningSpace, parse};
+use treewright_renderer::space::{Choice, LightKinds, Premises, Preset, TuningSpace, parse};
 use treewright_renderer::statistics::Summary;
 use treewright_renderer::tuning::who::Who;
 use treewright_scene::Scene;
 
 type Failure = Box<dyn std::error::Error>;
+
+/// The way that is recommended: the start of a search.
+const RECOMMENDED: &str = "recommended";
 
 /// Ways to follow that are compared by hand; other values are the recommended ones.
 const FOLLOW: [(&str, &str); 13] = [
@@ -158,7 +161,7 @@ fn ways(arguments: &Arguments, space: &TuningSpace) -> Result<Vec<(String, Choic
     } else {
         space.choice(&parse("tree=quick,period=1")?)?
     };
-    let mut all = vec![("untuned".to_owned(), plain), ("recommended".to_owned(), recommended)];
+    let mut all = vec![("untuned".to_owned(), plain), (RECOMMENDED.to_owned(), recommended)];
     if arguments.each {
         let levers = if arguments.lever == Lever::Light { EACH_OF_LIGHT } else { EACH_OF_FOLLOW };
         for (lever, texts) in levers {
@@ -224,7 +227,14 @@ fn measured(
     };
     let view = view(scene);
     let named = |name: &String| Who::Named(name.clone().into());
-    let contender = |(name, choice): &(String, Choice)| Contender { who: named(name), choice: *choice };
+    // The start of light sampling depends on the kinds of light that a scene has.
+    let premises = Premises { lights: LightKinds::of(scene), ..Premises::all() };
+    let start = TuningSpace::new(Preset::Light, &premises).default_choice();
+    let own_start = |name: &str| arguments.lever == Lever::Light && name == RECOMMENDED;
+    let contender = |(name, choice): &(String, Choice)| Contender {
+        who: named(name),
+        choice: if own_start(name) { start } else { *choice },
+    };
     let contenders: Vec<Contender> = ways.iter().map(contender).collect();
     let (size, rounds) = (world.size, arguments.rounds);
     let conditions = Conditions { view, size, rounds, frames_per_build, yardstick };

@@ -22,21 +22,20 @@ const SAMPLES: u32 = 24;
 
 fn ways() -> Vec<LightSampling> {
     let plain = LightSampling::default();
-    let sky = LightSampling { sky: SkyChoice::Learnt, sky_share: 0.3, ..plain };
+    let sky = LightSampling { sky: SkyChoice::Learnt, ..plain };
     let lamps = LightSampling { lamps: LampChoice::Learnt, ..plain };
     vec![
         plain,
-        LightSampling { candidates: 1, sun_share: 0.8, ..plain },
-        LightSampling { candidates: 8, lamp_weight: 8.0, sun_share: 0.2, ..plain },
-        LightSampling { candidates: 16, lamp_weight: 64.0, sky_share: 0.8, ..plain },
+        LightSampling { candidates: 1, ..plain },
+        LightSampling { candidates: 8, lamp_weight: 8.0, ..plain },
+        LightSampling { candidates: 16, lamp_weight: 64.0, ..plain },
         sky,
-        LightSampling { learnt_shares: true, ..sky },
-        LightSampling { learnt_shares: true, lamp_weight: 4.0, candidates: 4, ..sky },
+        LightSampling { lamp_weight: 4.0, candidates: 4, ..sky },
         lamps,
         LightSampling { candidates: 1, lamp_weight: 4.0, ..lamps },
-        LightSampling { candidates: 8, lamps: LampChoice::Learnt, learnt_shares: true, ..sky },
+        LightSampling { candidates: 8, lamps: LampChoice::Learnt, ..sky },
         LightSampling { shadow_roulette: 0.4, path_roulette: 0.5, ..plain },
-        LightSampling { shadow_roulette: 0.4, path_roulette: 0.5, learnt_shares: true, ..sky },
+        LightSampling { shadow_roulette: 0.4, path_roulette: 0.5, ..sky },
     ]
 }
 
@@ -246,15 +245,24 @@ fn no_way_is_taken_for_a_biased_one() {
 #[test]
 fn the_sky_through_windows_is_found_sooner_once_it_was_learnt() {
     let plain = LightSampling::default();
-    let learnt = LightSampling { sky: SkyChoice::Learnt, learnt_shares: true, ..plain };
+    let learnt = LightSampling { sky: SkyChoice::Learnt, ..plain };
     let [plain, learnt] = variances("loft", 0.2, [plain, learnt]);
     assert!(learnt < 0.7 * plain, "variance {learnt} and {plain}");
 }
 
 #[test]
+fn no_shadow_ray_is_spent_on_a_sky_that_bounces_find() {
+    let plain = LightSampling::default();
+    let learnt = LightSampling { sky: SkyChoice::Learnt, ..plain };
+    // Lamps at night below a dim sky.
+    let [plain, learnt] = variances("market", 0.025, [plain, learnt]);
+    assert!(learnt < 1.15 * plain, "variance {learnt} and {plain}");
+}
+
+#[test]
 fn a_small_sun_of_a_map_is_found_also_where_the_sky_was_learnt() {
     let plain = LightSampling { candidates: 1, ..LightSampling::default() };
-    let learnt = LightSampling { sky: SkyChoice::Learnt, learnt_shares: true, ..plain };
+    let learnt = LightSampling { sky: SkyChoice::Learnt, ..plain };
     let [plain, learnt] = variances("patio", 0.05, [plain, learnt]);
     assert!(learnt < 2.0 * plain, "variance {learnt} and {plain}");
 }

@@ -13,7 +13,7 @@ use glam::{Vec2, Vec3, Vec4Swizzles};
 
 use super::lamp_guide::{LampDraw, LampGuide};
 use super::sampling::{AliasTable, Basis, luminance, uniform_cone, uniform_triangle};
-use super::sky_guide::{Shares, SkyGuide};
+use super::sky_guide::{Looks, Shares, SkyGuide};
 use super::{
     environment::SkyTable, lamp::Lamp, lamp::LightSample, punctual::PunctualLights, surface::Surface,
 };
@@ -99,6 +99,10 @@ impl SunDisc {
         }
     }
 }
+
+/// The part of shadow rays that turns to the sun where there are lamps, too, and to the sky where it is sampled
+/// and not alone, unless shares were learnt.
+const SHARE: f32 = 0.5;
 
 /// Where a map is learnt, the part of its rays that the guide draws. The map's brightness draws the others: a
 /// small sun fills a thousandth of a direction of the guide.
@@ -233,11 +237,11 @@ impl Lights {
             (true, true) => share,
         };
         let how = self.how;
-        self.sun_share = share(self.sun.is_some(), self.table.is_some(), how.sun_share);
+        self.sun_share = share(self.sun.is_some(), self.table.is_some(), SHARE);
         let has_surfaces = self.sun.is_some() || self.table.is_some();
-        self.punctual_share = share(self.punctual.is_some(), has_surfaces, 0.5);
+        self.punctual_share = share(self.punctual.is_some(), has_surfaces, SHARE);
         let others = self.punctual.is_some() || has_surfaces;
-        self.environment_share = share(self.has_environment(), others, how.sky_share);
+        self.environment_share = share(self.has_environment(), others, SHARE);
         let others = (1.0 - self.environment_share) * (1.0 - self.punctual_share);
         let power: f64 = self.powers.iter().sum();
         self.lamp_weight = how.lamp_weight * self.lamp_guide().map_or(1.0, LampGuide::gain);
@@ -340,11 +344,21 @@ impl Lights {
         light.is_sound().then_some(light)
     }
 
-    /// The learnt shares at a position; `None` where they are fixed.
+    /// What shadow rays look for, by constant shares.
+    pub(super) fn looks(&self) -> Looks {
+        let others = 1.0 - self.environment_share;
+        Looks {
+            shares: [self.environment_share, others * self.sun_share, others * (1.0 - self.sun_share)],
+            there: [true, self.has_sun(), self.has_lamps()],
+            map: self.environment.is_some(),
+        }
+    }
+
+    /// The learnt shares at a position; `None` where they are fixed. A sky alone is looked for where that was
+    /// found to be worth a ray.
     #[inline(always)]
     fn learnt_shares(&self, position: Vec3) -> Option<Shares> {
-        let learnt = self.how.learnt_shares && self.punctual.is_none();
-        self.guide().filter(|_| learnt).map(|guide| guide.shares(position))
+        self.guide().filter(|_| self.punctual.is_none()).map(|guide| guide.shares(position))
     }
 
     /// The factor from the sun's fixed density to that of this share.

@@ -20,15 +20,43 @@ use crate::light_sampling::LearningTimes;
 const EDGE_MAX: u32 = 160;
 const SAMPLES: u32 = 16;
 const TILE: u32 = 16;
+/// Pixels of a block, a square along Morton's curve: its brightness is what light there is compared with.
+const BLOCK: usize = 16;
+const BLOCKS: usize = (TILE * TILE) as usize / BLOCK;
+/// Share of the picture's brightness that is added to a block's.
+const FLOOR: f64 = 0.05;
+/// Of the bounces that find no sky, one of so many is noted, for all of them.
+const IN_VAIN: u32 = 8;
 
 #[derive(Debug, Default)]
 struct Notes {
-    records: Vec<LightRecord>,
+    /// With the block of the path's pixel.
+    records: Vec<(usize, LightRecord)>,
     /// Where paths met surfaces, if that is wanted.
     places: Vec<Surface>,
     places_wanted: bool,
-    /// Sum of the luminance of all samples.
-    light: f64,
+    /// The block of the path that is followed.
+    block: usize,
+    /// Bounces that found no sky.
+    in_vain: u32,
+    of_block: [Brightness; BLOCKS],
+}
+
+/// The luminance of a block's samples.
+#[derive(Clone, Copy, Debug, Default)]
+struct Brightness {
+    sum: f64,
+    count: u32,
+}
+
+impl Brightness {
+    fn mean(self) -> f64 {
+        self.sum / f64::from(self.count.max(1))
+    }
+
+    fn and(self, other: Self) -> Self {
+        Self { sum: self.sum + other.sum, count: self.count + other.count }
+    }
 }
 
 /// Renders pilot frames of a view. Runs on the rayon pool it is called in.
@@ -43,11 +71,11 @@ pub(crate) fn learn<I: Intersector>(
     let shrunk =
         |edge: u32| if shrink > 1.0 { (f64::from(edge) / shrink).round().max(1.0) as u32 } else { edge };
     let mut film = Film::new([width, height].map(shrunk));
-    let pixels = film.width() as usize * film.height() as usize;
     // Another picture than those that follow.
     let view = View { seed: view.seed ^ 0x9170_7a5c, ..*view };
     let lights = &prepared.lights;
-    let mut all = Notes::default();
+    let (mut records, mut places) = (Vec::new(), Vec::new());
+    let mut blocks: Vec<Brightness> = Vec::new();
     for sample in 0..SAMPLES {
         // One frame meets places enough.
         let places_wanted = sample == 0 && lights.has_many_lamps();
@@ -57,19 +85,28 @@ pub(crate) fn learn<I: Intersector>(
             .into_par_iter()
             .map(|tile| notes_of(&frame, intersector, &tile, places_wanted))
             .collect();
-        for notes in tiles {
-            all.records.extend(notes.records);
-            all.places.extend(notes.places);
-            all.light += notes.light;
+        blocks.resize(tiles.len() * BLOCKS, Brightness::default());
+        for (tile, notes) in tiles.into_iter().enumerate() {
+            let own = &mut blocks[tile * BLOCKS..][..BLOCKS];
+            own.iter_mut().zip(notes.of_block).for_each(|(block, more)| *block = block.and(more));
+            records.extend(notes.records.into_iter().map(|(block, record)| (tile * BLOCKS + block, record)));
+            places.extend(notes.places);
         }
         film.count_sample();
     }
-    let brightness = (all.light / (pixels as f64 * f64::from(SAMPLES))) as f32;
-    let guide = SkyGuide::new(&all.records);
-    let guide = guide.map(|guide| guide.keep_kinds([true, lights.has_sun(), lights.has_lamps()]));
+    let brightness = blocks.iter().copied().fold(Brightness::default(), Brightness::and).mean();
+    let relative = |(block, record): (usize, LightRecord)| {
+        let around = blocks[block].mean().hypot(FLOOR * brightness);
+        let scale = (1.0 / around.max(f64::MIN_POSITIVE)) as f32;
+        LightRecord { light: record.light * scale, throughput: record.throughput * scale, ..record }
+    };
+    let is_finite = |record: &LightRecord| record.light.is_finite() && record.throughput.is_finite();
+    let records: Vec<LightRecord> = records.into_iter().map(relative).filter(is_finite).collect();
+    let brightness = brightness as f32;
+    let guide = SkyGuide::new(&records, &lights.looks());
     let frames_ms = begin.elapsed().as_secs_f64() * 1e3;
     let begin = Instant::now();
-    let lamps = learn_lamps(prepared, intersector, &view, &all.places);
+    let lamps = learn_lamps(prepared, intersector, &view, &places);
     let times = LearningTimes { frames_ms, lamps_ms: begin.elapsed().as_secs_f64() * 1e3 };
     Learnt { sky: guide.map(Arc::new), lamps: lamps.map(Arc::new), brightness, times }
 }
@@ -78,8 +115,11 @@ fn notes_of<I: Intersector>(frame: &Frame, intersector: &I, tile: &Tile<'_>, pla
     let mut notes = Notes { places_wanted, ..Notes::default() };
     for pixel in 0..tile.sums.len() as u32 {
         if let Some((path, ray)) = frame.begin(tile, pixel) {
+            notes.block = pixel as usize / BLOCK;
             let radiance = follow(frame, intersector, path, ray, &mut notes);
-            notes.light += if radiance.is_finite() { f64::from(luminance(radiance)) } else { 0.0 };
+            let sum = if radiance.is_finite() { f64::from(luminance(radiance)) } else { 0.0 };
+            let own = &mut notes.of_block[notes.block];
+            *own = own.and(Brightness { sum, count: 1 });
         }
     }
     notes
@@ -101,10 +141,34 @@ fn learn_lamps<I: Intersector>(
     prepared.lights.learn_lamps(places, view.camera.position, view.seed, arrives)
 }
 
-fn note(records: &mut Vec<LightRecord>, position: Vec3, ray: &Ray, light: Vec3, kind: Kind) {
-    let light = luminance(light);
-    if light > 0.0 && light.is_finite() && position.is_finite() {
-        records.push(LightRecord { position, direction: ray.direction, light, kind });
+impl Notes {
+    /// The light that a shadow ray brought.
+    fn shadow(&mut self, Shadow { ray, light, .. }: &Shadow) {
+        let light = luminance(*light);
+        if light > 0.0 && light.is_finite() && ray.origin.is_finite() {
+            let kind = if ray.t_max.is_finite() { Kind::Lamp } else { Kind::Sun };
+            let (position, direction) = (ray.origin, ray.direction);
+            let record = LightRecord { position, direction, light, throughput: 0.0, bounces: 0, kind };
+            self.records.push((self.block, record));
+        }
+    }
+
+    /// That a bounce looked for the sky, with the radiance that it found.
+    fn bounce(&mut self, path: &Path, direction: Vec3, sky: Vec3) {
+        let (light, throughput) = (luminance(path.throughput * sky), luminance(path.throughput));
+        let mut bounces = 1;
+        if light == 0.0 {
+            self.in_vain += 1;
+            if !self.in_vain.is_multiple_of(IN_VAIN) {
+                return;
+            }
+            bounces = IN_VAIN;
+        }
+        if light >= 0.0 && light.is_finite() && throughput > 0.0 && path.from.is_finite() {
+            let (position, kind) = (path.from, Kind::Sky);
+            let record = LightRecord { position, direction, light, throughput, bounces, kind };
+            self.records.push((self.block, record));
+        }
     }
 }
 
@@ -127,12 +191,13 @@ fn follow<I: Intersector>(
     let mut shadow = Shadow::BLANK;
     loop {
         let last_ray = frame.tracing.is_last_ray(&path);
-        let Some(hit) = intersector.closest(&ray) else {
+        let hit = intersector.closest(&ray);
+        if path.pdf > 0.0 && !last_ray {
+            let sky = || prepared.lights.environment_seen(ray.direction);
+            notes.bounce(&path, ray.direction, hit.map_or_else(sky, |_| Vec3::ZERO));
+        }
+        let Some(hit) = hit else {
             radiance += missed(prepared, &frame.tracing, &path, &ray);
-            if path.pdf > 0.0 && !last_ray {
-                let sky = prepared.lights.environment_seen(ray.direction);
-                note(&mut notes.records, path.from, &ray, path.throughput * sky, Kind::Sky);
-            }
             return radiance;
         };
         if notes.places_wanted && !last_ray {
@@ -142,8 +207,7 @@ fn follow<I: Intersector>(
             (kernel.vertex)(prepared, &frame.tracing, &mut path, &mut ray, &hit, &mut radiance, &mut shadow);
         if next.shadow && !intersector.occluded(&shadow.ray) {
             radiance += shadow.light;
-            let kind = if shadow.ray.t_max.is_finite() { Kind::Lamp } else { Kind::Sun };
-            note(&mut notes.records, shadow.ray.origin, &shadow.ray, shadow.light, kind);
+            notes.shadow(&shadow);
         }
         if !next.goes_on {
             return radiance;

@@ -8,7 +8,7 @@ use crate::light_sampling::LightSampling;
 pub(super) struct Roulette {
     /// Luminance at a pixel below which a shadow ray may be left out; 0 for none.
     shadow: f32,
-    /// Throughput below which a path may end; 0 for none.
+    /// Throughput, relative to that after the first vertex, below which a path may end; 0 for none.
     path: f32,
 }
 
@@ -36,14 +36,22 @@ impl Roulette {
         stays
     }
 
-    /// Decides whether a path goes on after a vertex, and lets it bring more if it does.
+    /// Decides whether a path goes on after a vertex, and lets it bring more if it does. It does after the
+    /// first one: what is dark all over shows what arrives there.
     #[inline(always)]
     pub(super) fn keeps_path(&self, vertex: u16, path: &mut Path) -> bool {
-        let most = path.throughput.max_element();
-        if most >= self.path {
+        if self.path <= 0.0 {
             return true;
         }
-        let probability = most / self.path;
+        let most = path.throughput.max_element();
+        if path.first == 0.0 {
+            path.first = most;
+        }
+        let least = self.path * path.first;
+        if most >= least {
+            return true;
+        }
+        let probability = most / least;
         let stays = path.random.pair(places::of_roulette(vertex))[1] < probability;
         if stays {
             path.throughput *= 1.0 / probability;

@@ -11,6 +11,7 @@ use crate::limits::SHEETS_PER_SEGMENT_MAX;
 /// Sheets on the way of a shadow ray are looked up as they are: no ray is thinner.
 const SHADOW: Tracing = Tracing { bounces: 0, pixel_angle: 0.0, last_rays: false };
 const SHADOW_PATH: Path = Path {
+    first: 0.0,
     throughput: Vec3::ONE,
     pdf: DIRECT,
     from: Vec3::ZERO,

@@ -29,16 +29,39 @@ const RECORDS_MIN: usize = 32;
 const COMMON_SHARE: f64 = 0.1;
 /// Share of a bin's light that its eight neighbours get together.
 const SPREAD: f64 = 0.4;
-/// Least share of shadow rays of a kind of light that there is.
+/// Least share of shadow rays of the sun, of lamps, and of a sky that is a map. A sky that wants less has none.
 const SHARE_MIN: f32 = 0.06;
+/// What brings more, relative to the brightness around its pixel, counts as this for the shares: the rest is
+/// a few pixels' noise.
+const LIGHT_MAX: f64 = 8.0;
+/// By how much less a shadow ray by a learnt direction finds than one by the light itself would.
+const LOSS: f64 = 2.0;
+/// Where nothing else shines, shadow rays look for the sky if bounces find it less well than this.
+const FOUND_MAX: f64 = 0.25;
 
 #[derive(Clone, Copy, Debug)]
 pub(super) struct LightRecord {
     pub(super) position: Vec3,
     pub(super) direction: Vec3,
-    /// Luminance that it brought to its path's pixel.
+    /// Luminance that it brought to its path's pixel, relative to that around the pixel; 0 of a bounce that
+    /// did not find the sky.
     pub(super) light: f32,
+    /// Luminance that a bounce's path carried, relative in the same way.
+    pub(super) throughput: f32,
+    /// Of how many bounces it tells; 0 of a shadow ray.
+    pub(super) bounces: u32,
     pub(super) kind: Kind,
+}
+
+/// What a pilot's shadow rays were for.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Looks {
+    /// Their shares.
+    pub(super) shares: Shares,
+    /// Which kinds of light there are.
+    pub(super) there: [bool; 3],
+    /// The sky is a map, which shadow rays found, too.
+    pub(super) map: bool,
 }
 
 /// A kind of light that shares of shadow rays turn to.
@@ -84,15 +107,18 @@ struct Distribution {
 }
 
 impl SkyGuide {
-    /// Learns from records. `None` if there are too few.
-    pub(super) fn new(records: &[LightRecord]) -> Option<Self> {
-        if records.iter().filter(|record| record.kind == Kind::Sky).count() < RECORDS_MIN {
+    /// Learns from records. `None` if there are too few, or if bounces find the sky well enough everywhere
+    /// and at most one kind of light shines beside it.
+    pub(super) fn new(records: &[LightRecord], looks: &Looks) -> Option<Self> {
+        let found = records.iter().filter(|record| record.light > 0.0);
+        let found_count = found.clone().count();
+        if found.filter(|record| record.kind == Kind::Sky).count() < RECORDS_MIN {
             return None;
         }
         let low = records.iter().fold(Vec3::INFINITY, |low, record| low.min(record.position));
         let high = records.iter().fold(Vec3::NEG_INFINITY, |high, record| high.max(record.position));
         let size = (high - low).max(Vec3::splat((high - low).max_element() * 1e-3 + f32::MIN_POSITIVE));
-        let count = (records.len() as f32 / RECORDS_PER_CELL).clamp(1.0, CELLS_MAX);
+        let count = (found_count as f32 / RECORDS_PER_CELL).clamp(1.0, CELLS_MAX);
         let edge = (size.x * size.y * size.z / count).cbrt();
         let cells = (size / edge).round().clamp(Vec3::ONE, Vec3::splat(64.0)).as_uvec3();
         let scale = cells.as_vec3() / size;
@@ -104,24 +130,25 @@ impl SkyGuide {
             by_cell[guide.cell(record.position)].push(record);
         }
         let common = histogram(records);
-        let shares = shares(records);
         guide.distributions.push(Distribution::new(&common)?);
-        guide.shares.push(shares);
+        guide.shares.push(shares(records, looks));
         guide.of_cell = by_cell
             .iter()
             .map(|records| {
-                if records.len() < RECORDS_MIN {
+                if records.iter().filter(|record| record.light > 0.0).count() < RECORDS_MIN {
                     return 0;
                 }
                 let weights = mixed(&histogram(records.iter().copied()), &common);
                 Distribution::new(&weights).map_or(0, |own| {
                     guide.distributions.push(own);
-                    guide.shares.push(self::shares(records.iter().copied()));
+                    guide.shares.push(shares(records.iter().copied(), looks));
                     guide.distributions.len() as u32 - 1
                 })
             })
             .collect();
-        Some(guide)
+        // What sends all shadow rays to the same kind of light, or none, is better left to the constants.
+        let is_of_use = |[sky, sun, lamp]: &Shares| *sky > 0.0 || (*sun > 0.0 && *lamp > 0.0);
+        guide.shares.iter().any(is_of_use).then_some(guide)
     }
 
     #[inline]
@@ -129,16 +156,6 @@ impl SkyGuide {
         let last = (self.cells - UVec3::ONE).as_vec3();
         let [x, y, z] = ((position - self.low) * self.scale).clamp(Vec3::ZERO, last).as_uvec3().to_array();
         ((z * self.cells.y + y) * self.cells.x + x) as usize
-    }
-
-    /// With shares for the kinds of light that there are. Without a sun, light that shadow rays found at
-    /// infinity came from the sky's map.
-    pub(super) fn keep_kinds(mut self, there: [bool; 3]) -> Self {
-        for shares in &mut self.shares {
-            let [sky, sun, lamp] = *shares;
-            *shares = with_least(if there[1] { *shares } else { [sky + sun, 0.0, lamp] }, there);
-        }
-        self
     }
 
     #[inline]
@@ -204,22 +221,63 @@ fn mixed(own: &[f64], common: &[f64]) -> Vec<f64> {
     own.iter().zip(common).map(|(own, common)| own * own_share + common * common_share).collect()
 }
 
-/// Shadow rays by what each kind of light brought.
-fn shares<'a>(records: impl IntoIterator<Item = &'a LightRecord>) -> Shares {
-    let mut sums = [0.0_f64; 3];
+/// Shadow rays for each kind of light, so that the variance becomes small; none at all where the sky alone
+/// shines and bounces find it.
+///
+/// A kind that only shadow rays find wants a share by the root of its mean square, as every sum of one sample
+/// of several does. The sky is found by bounces, too. Let *m* be its mean, and *r* the part of their mean
+/// square that is *m²*, which is one where they always find the same light. With a share *s* of shadow rays
+/// that are drawn by the light, the mean square is about *m² / (r + s)*: it wants *m* in place of the root,
+/// less *r*.
+fn shares<'a>(records: impl IntoIterator<Item = &'a LightRecord>, looks: &Looks) -> Shares {
+    let (mut sums, mut squares) = ([0.0_f64; 3], [0.0_f64; 3]);
+    let (mut count, mut carried, mut seen) = (0.0, 0.0, 0.0);
     for record in records {
-        sums[record.kind as usize] += f64::from(record.light);
+        let (light, throughput) = (f64::from(record.light), f64::from(record.throughput));
+        sums[record.kind as usize] += light;
+        squares[record.kind as usize] += light.min(LIGHT_MAX).powi(2);
+        if record.kind == Kind::Sky {
+            count += f64::from(record.bounces);
+            carried += throughput * f64::from(record.bounces);
+            seen += light * light / throughput;
+        }
     }
-    let total = sums.iter().sum::<f64>().max(f64::MIN_POSITIVE);
-    sums.map(|sum| (sum / total) as f32)
+    let [sky, sun, lamp] = sums;
+    if looks.map {
+        // Without a sun, light that shadow rays found at infinity came from the map.
+        let sums = if looks.there[1] { sums } else { [sky + sun, 0.0, lamp] };
+        return with_least(sums, looks, 0.0);
+    }
+    let found = if seen > 0.0 { sky * sky / (carried * seen) } else { 0.0 };
+    let root = |kind: Kind| {
+        let drawn = f64::from(looks.shares[kind as usize]);
+        if looks.there[kind as usize] {
+            (drawn * squares[kind as usize] * f64::max(count, 1.0)).sqrt()
+        } else {
+            0.0
+        }
+    };
+    let roots = [sky, root(Kind::Sun), root(Kind::Lamp)];
+    if !(looks.there[Kind::Sun as usize] || looks.there[Kind::Lamp as usize]) {
+        return [f32::from(u8::from(found < FOUND_MAX)), 0.0, 0.0];
+    }
+    with_least(roots, looks, LOSS * found)
 }
 
-/// With a least share of each kind that there is, and none of the others; adds up to one.
-fn with_least(shares: Shares, there: [bool; 3]) -> Shares {
-    let mut all = [0, 1, 2].map(|kind| if there[kind] { shares[kind].max(SHARE_MIN) } else { 0.0 });
+/// Shares by weights with a least share of each kind that there is, and none of the others; they add up to
+/// one. Bounces stand for a share `found` of the sky's.
+fn with_least(weights: [f64; 3], looks: &Looks, found: f64) -> Shares {
+    let total = weights.iter().sum::<f64>().max(f64::MIN_POSITIVE);
+    let mut all = weights.map(|weight| weight / total);
+    let wanted = (1.0 + found) * all[0] - found;
+    all[0] = if wanted < f64::from(SHARE_MIN) { 0.0 } else { wanted };
+    let rest = (all[1] + all[2]).max(f64::MIN_POSITIVE);
+    let others = [1, 2].map(|kind| all[kind] * (1.0 - all[0]) / rest);
+    (all[1], all[2]) = (others[0], others[1]);
+    let least = [if looks.map { SHARE_MIN } else { 0.0 }, SHARE_MIN, SHARE_MIN];
+    let all = [0, 1, 2].map(|kind| if looks.there[kind] { (all[kind] as f32).max(least[kind]) } else { 0.0 });
     let sum: f32 = all.iter().sum();
-    all.iter_mut().for_each(|share| *share /= sum.max(f32::MIN_POSITIVE));
-    all
+    all.map(|share| share / sum.max(f32::MIN_POSITIVE))
 }
 
 impl Distribution {
@@ -248,10 +306,19 @@ mod tests {
                 let position = Vec3::new(unit() * 8.0 - 4.0, unit() * 3.0, unit() * 6.0);
                 let side = position.x.signum();
                 let direction = Vec3::new(side, 0.3 * unit(), 0.2 * unit()).normalize();
-                LightRecord { position, direction, light: unit(), kind: Kind::Sky }
+                LightRecord {
+                    position,
+                    direction,
+                    light: unit(),
+                    throughput: 1.0,
+                    bounces: 1,
+                    kind: Kind::Sky,
+                }
             })
             .collect();
-        let guide = SkyGuide::new(&records).expect("there are enough");
+        let looks = Looks { shares: [0.0, 0.5, 0.5], there: [true; 3], map: false };
+        let guide = SkyGuide::new(&records, &looks).expect("there are enough");
+        assert!(guide.shares.iter().all(|[sky, sun, lamp]| *sky > 0.8 && sun + lamp < 0.2));
         for position in [Vec3::new(-3.0, 1.0, 2.0), Vec3::new(3.0, 1.0, 2.0), Vec3::splat(100.0)] {
             let (mut wrong, mut own) = (0, 0);
             for _ in 0..20_000 {
@@ -266,6 +333,51 @@ mod tests {
         }
         let sum: f32 = guide.distributions[0].densities.iter().map(|density| density / BIN_DENSITY).sum();
         assert!((sum - 1.0).abs() < 1e-4);
-        assert!(SkyGuide::new(&records[..8]).is_none());
+        assert!(SkyGuide::new(&records[..8], &looks).is_none());
+    }
+
+    fn record(kind: Kind, light: f32) -> LightRecord {
+        let bounces = u32::from(kind == Kind::Sky);
+        LightRecord { position: Vec3::ZERO, direction: Vec3::Y, light, throughput: 1.0, bounces, kind }
+    }
+
+    /// What a hundred bounces brought, of which every so many found the sky, and as many shadow rays that went
+    /// to sun and lamps in turn.
+    fn of_hundred(sky: (usize, f32), sun: f32, lamp: (usize, f32)) -> Vec<LightRecord> {
+        let every = |at: usize, (of, light): (usize, f32)| if at.is_multiple_of(of) { light } else { 0.0 };
+        (0..100)
+            .flat_map(|at| {
+                let bounce = record(Kind::Sky, every(at, sky));
+                let half = if at % 2 == 0 {
+                    record(Kind::Sun, sun)
+                } else {
+                    record(Kind::Lamp, every(at / 2, lamp))
+                };
+                [bounce, half]
+            })
+            .collect()
+    }
+
+    #[test]
+    fn shadow_rays_go_where_they_lessen_the_variance() {
+        let half = [0.0, 0.5, 0.5];
+        let all = Looks { shares: half, there: [true; 3], map: false };
+        let share = |records: &[LightRecord], looks: &Looks| shares(records, looks);
+
+        // As much light of each kind. Each bounce finds the sky, each shadow ray the sun, one in ten a lamp.
+        let [sky, sun, lamp] = share(&of_hundred((1, 1.0), 2.0, (10, 20.0)), &all);
+        assert!(sky == 0.0 && lamp / sun > 2.5 && lamp / sun < 3.8, "{sky} {sun} {lamp}");
+        // One bounce in twenty finds it, through a window.
+        let [sky, sun, _] = share(&of_hundred((20, 20.0), 2.0, (1, 0.0)), &all);
+        assert!((sky - sun).abs() < 0.1, "{sky} {sun}");
+
+        // Nothing but the sky: it is looked for behind windows only.
+        let alone = Looks { shares: [0.0; 3], there: [true, false, false], map: false };
+        assert_eq!(share(&of_hundred((20, 20.0), 0.0, (1, 0.0)), &alone), [1.0, 0.0, 0.0]);
+        let open = of_hundred((1, 1.0), 0.0, (1, 0.0));
+        assert_eq!(share(&open, &alone), [0.0; 3]);
+        assert!(SkyGuide::new(&open, &alone).is_none());
+        // A map is always looked for: bounces may never meet its sun.
+        assert_eq!(share(&open, &Looks { map: true, ..alone }), [1.0, 0.0, 0.0]);
     }
 }

@@ -26,6 +26,8 @@ pub(super) const SHADOW_SHARE: f32 = 1.0 - 1e-4;
 pub(super) struct Path {
     /// The factor on light that arrives along the ray.
     pub(super) throughput: Vec3,
+    /// The largest of that after the first vertex; 0 before.
+    pub(super) first: f32,
     /// The density by which a light it meets is weighed: of a lobe at `from`, [`DIRECT`] or [`CAUSTIC`].
     pub(super) pdf: f32,
     /// Where it was scattered last; behind mirrors and glass, where that or the eye seems to be.
@@ -47,7 +49,17 @@ impl Path {
     /// A path that begins at the camera's eye.
     #[inline(always)]
     pub(super) fn new(pixel: u32, random: PathRandom, eye: Vec3) -> Self {
-        Self { throughput: Vec3::ONE, pdf: DIRECT, from: eye, pixel, random, vertex: 0, bounce: 0, sheets: 0 }
+        Self {
+            throughput: Vec3::ONE,
+            first: 0.0,
+            pdf: DIRECT,
+            from: eye,
+            pixel,
+            random,
+            vertex: 0,
+            bounce: 0,
+            sheets: 0,
+        }
     }
 }
 

@@ -72,10 +72,7 @@ pub(super) fn of_light(complete: &Configuration, base: &Choice) -> Choice {
         candidates: values.whole("candidates", default.candidates),
         lamps: values.word("lamps", default.lamps),
         lamp_weight: values.number("lamp_weight", default.lamp_weight),
-        sun_share: values.number("sun_share", default.sun_share),
         sky: values.word("sky", default.sky),
-        sky_share: values.number("sky_share", default.sky_share),
-        learnt_shares: values.text("shares") == Some("learnt"),
         shadow_roulette: values.number("shadow_roulette", default.shadow_roulette),
         path_roulette: values.number("path_roulette", default.path_roulette),
     };

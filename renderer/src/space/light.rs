@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use treewright_scene::Scene;
 
 use super::Premises;
-use super::explained::{Explained, choice, float};
+use super::explained::{Explained, choice};
 use crate::integrator::Lights;
 
 /// Which kinds of light a scene has.
@@ -16,48 +16,43 @@ use crate::integrator::Lights;
 pub struct LightKinds {
     /// Emissive triangles, more than one lamp of them.
     pub lamps: bool,
-    /// A sun.
-    pub sun: bool,
     /// A sky that is not black: a gradient or a map.
     pub sky: bool,
-    /// The sky is a map, or there is another light, which shares its shadow rays with the sky.
-    pub shared: bool,
+    /// The sky is a map, whose bright places are drawn without learning.
+    pub map: bool,
 }
 
 impl LightKinds {
-    /// All.
-    pub const ALL: Self = Self { lamps: true, sun: true, sky: true, shared: true };
+    /// All that can be together, under a gradient.
+    pub const ALL: Self = Self { lamps: true, sky: true, map: false };
 
     /// The kinds of light of a scene.
     pub fn of(scene: &Scene) -> Self {
         let lights = Lights::new(scene);
         let gradient = scene.sky.horizon.max_element().max(scene.sky.zenith.max_element()) > 0.0;
-        let others = lights.has_lamps() || lights.has_sun() || lights.has_punctual();
         Self {
             lamps: lights.triangle_count() > 2,
-            sun: lights.has_sun(),
             sky: scene.environment.is_some() || gradient,
-            shared: others,
+            map: scene.environment.is_some(),
         }
     }
 
     /// The mark that distinguishes the space of these kinds from others, e.g. `-lamps-sky`.
     pub(super) fn mark(self) -> String {
-        let kinds =
-            [(self.lamps, "-lamps"), (self.sun, "-sun"), (self.sky, "-sky"), (self.shared, "-shared")];
+        let kinds = [(self.lamps, "-lamps"), (self.sky && !self.map, "-sky"), (self.map, "-map")];
         kinds.into_iter().filter(|(is_there, _)| *is_there).map(|(_, mark)| mark).collect()
     }
 }
 
 pub(super) fn parameters(premises: &Premises) -> Vec<Explained> {
-    let LightKinds { lamps, sun, sky, shared } = premises.lights;
+    let LightKinds { lamps, sky, map } = premises.lights;
     let mut all = Vec::new();
     if lamps {
         all.extend([
             choice(
                 "candidates",
                 [1, 2, 4, 8, 16],
-                1,
+                2,
                 "among how many points on lamps one is chosen by what it would bring",
             ),
             choice(
@@ -74,31 +69,13 @@ pub(super) fn parameters(premises: &Premises) -> Vec<Explained> {
             ),
         ]);
     }
-    if lamps && sun {
-        all.push(float("sun_share", 0.1..=0.9, 0.6, "share of shadow rays that turn to the sun"));
-    }
     if sky {
         all.push(choice(
             "sky",
             ["plain", "learnt"],
-            "learnt",
-            "how the sky is found: by bounces and the map's brightness, or also where it was seen in a few frames before",
+            if map { "plain" } else { "learnt" },
+            "how the sky is found: by bounces and the map's brightness, or also where it was seen in a few frames before, which then share out the shadow rays",
         ));
-        if shared {
-            all.push(
-                choice(
-                    "shares",
-                    ["fixed", "learnt"],
-                    "learnt",
-                    "who shares shadow rays out among sky, sun and lamps: constants, or what each brought in the frames before",
-                )
-                .only_while("sky", ["learnt"]),
-            );
-            all.push(
-                float("sky_share", 0.1..=0.9, 0.3, "share of shadow rays that turn to the sky")
-                    .only_while("shares", ["fixed"]),
-            );
-        }
     }
     all.extend([
         choice(
@@ -109,9 +86,9 @@ pub(super) fn parameters(premises: &Premises) -> Vec<Explained> {
         ),
         choice(
             "path_roulette",
-            [0.0, 0.1, 0.2, 0.3, 0.5],
-            0.2,
-            "paths that carry less than this share go on now and then",
+            [0.0, 0.1, 0.2, 0.3, 0.5, 0.8],
+            0.5,
+            "paths that carry less than this share of what they did after their first hit go on now and then",
         ),
     ]);
     all

@@ -251,8 +251,8 @@ mod tests {
             (
                 Objective::Error,
                 Preset::Light,
-                "error-light-lamps-sun-sky-shared-4",
-                "candidates lamps lamp_weight sun_share sky shares sky_share shadow_roulette path_roulette",
+                "error-light-lamps-sky-5",
+                "candidates lamps lamp_weight sky shadow_roulette path_roulette",
             ),
             (Objective::Motion, Preset::Follow, "motion-follow", "tree period repair_above"),
         ] {
