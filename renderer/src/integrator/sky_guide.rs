@@ -365,10 +365,10 @@ mod tests {
         let share = |records: &[LightRecord], looks: &Looks| shares(records, looks);
 
         // As much light of each kind. Each bounce finds the sky, each shadow ray the sun, one in ten a lamp.
-        let [sky, sun, lamp] = share(&of_hundred((1, 1.0), 2.0, (10, 20.0)), &all);
+        let [sky, sun, lamp] = share(&of_hundred((1, 0.1), 0.2, (10, 2.0)), &all);
         assert!(sky == 0.0 && lamp / sun > 2.5 && lamp / sun < 3.8, "{sky} {sun} {lamp}");
         // One bounce in twenty finds it, through a window.
-        let [sky, sun, _] = share(&of_hundred((20, 20.0), 2.0, (1, 0.0)), &all);
+        let [sky, sun, _] = share(&of_hundred((20, 2.0), 0.2, (1, 0.0)), &all);
         assert!((sky - sun).abs() < 0.1, "{sky} {sun}");
 
         // Nothing but the sky: it is looked for behind windows only.

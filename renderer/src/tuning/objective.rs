@@ -169,7 +169,7 @@ pub fn study_id(objective: Objective, space: &TuningSpace) -> String {
 pub fn space_in_ids(space: &TuningSpace) -> String {
     let number = match space.preset() {
         Preset::Full => "-3",
-        Preset::Light => "-4",
+        Preset::Light => "-5",
         Preset::Paper | Preset::Follow => "",
     };
     space.name() + number
