@@ -40,7 +40,7 @@ pub enum SkyChoice {
     #[default]
     Plain,
     /// Also by where it was seen from in a few frames before, as through windows. Shadow rays are shared out
-    /// among the kinds of light by what each of them brought there.
+    /// among the kinds of light by how much each would lessen the variance there.
     Learnt,
 }
 

@@ -33,6 +33,7 @@ use serde::{Deserialize, Serialize};
 use treewright_lab::converge::bootstrap::{in_words, interval};
 use treewright_lab::ways::{
     COLUMNS, EACH_OF_FOLLOW, EACH_OF_LIGHT, Gains, WayTimes, Ways, WorldRow, geometric_mean, named_by_lever,
+    parameter_changed,
 };
 use treewright_lab::worlds::{WIDTH_MIN, World, WrittenWorld};
 use treewright_render_cli::arguments::read_configuration;
@@ -227,13 +228,22 @@ fn measured(
     };
     let view = view(scene);
     let named = |name: &String| Who::Named(name.clone().into());
-    // The start of light sampling depends on the kinds of light that a scene has.
-    let premises = Premises { lights: LightKinds::of(scene), ..Premises::all() };
-    let start = TuningSpace::new(Preset::Light, &premises).default_choice();
-    let own_start = |name: &str| arguments.lever == Lever::Light && name == RECOMMENDED;
+    let own = (arguments.lever == Lever::Light).then(|| {
+        TuningSpace::new(Preset::Light, &Premises { lights: LightKinds::of(scene), ..Premises::all() })
+    });
+    // The start of light sampling depends on the kinds of light that a scene has. Where it lacks a parameter,
+    // to change that changes nothing.
+    let of_scene = |own: &TuningSpace, name: &str| match (name, parameter_changed(name)) {
+        (RECOMMENDED, _) => Some(own.default_choice()),
+        (_, Some(text)) => {
+            let changed = parse(text).ok().and_then(|changed| own.choice(&changed).ok());
+            Some(changed.unwrap_or_else(|| own.default_choice()))
+        }
+        _ => None,
+    };
     let contender = |(name, choice): &(String, Choice)| Contender {
         who: named(name),
-        choice: if own_start(name) { start } else { *choice },
+        choice: own.as_ref().and_then(|own| of_scene(own, name)).unwrap_or(*choice),
     };
     let contenders: Vec<Contender> = ways.iter().map(contender).collect();
     let (size, rounds) = (world.size, arguments.rounds);

@@ -251,7 +251,7 @@ fn the_sky_through_windows_is_found_sooner_once_it_was_learnt() {
 }
 
 #[test]
-fn no_shadow_ray_is_spent_on_a_sky_that_bounces_find() {
+fn a_sky_that_bounces_find_takes_no_rays_from_lamps() {
     let plain = LightSampling::default();
     let learnt = LightSampling { sky: SkyChoice::Learnt, ..plain };
     // Lamps at night below a dim sky.

@@ -1,9 +1,7 @@
 //! The lights: emissive triangles, the sun, and the sky.
 //!
-//! Of a few points drawn by power, one is taken by its unshadowed light (resampled importance sampling:
-//! Talbot, Cline and Egbert, EGSR 2005); the power heuristic takes the density of the draw by power. Where it
-//! was learnt which lamps light a place, points are drawn by that.
-//!
+//! Of a few points drawn by power, or by what was learnt, one is taken by its unshadowed light (resampled
+//! importance sampling: Talbot, Cline and Egbert, EGSR 2005). The power heuristic takes the density by power.
 //! Emissive triangles shine to both sides, because winding cannot be relied on. The sky's gradient is left to
 //! the surfaces' own sampling unless it was learnt. Lights without size are found in no other way.
 
@@ -100,8 +98,7 @@ impl SunDisc {
     }
 }
 
-/// The part of shadow rays that turns to the sun where there are lamps, too, and to the sky where it is sampled
-/// and not alone, unless shares were learnt.
+/// The share of shadow rays of the sun or a sky beside other lights, where no shares were learnt.
 const SHARE: f32 = 0.5;
 
 /// Where a map is learnt, the part of its rays that the guide draws. The map's brightness draws the others: a
@@ -351,6 +348,7 @@ impl Lights {
             shares: [self.environment_share, others * self.sun_share, others * (1.0 - self.sun_share)],
             there: [true, self.has_sun(), self.has_lamps()],
             map: self.environment.is_some(),
+            used: self.punctual.is_none(),
         }
     }
 

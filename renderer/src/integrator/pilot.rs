@@ -25,8 +25,10 @@ const BLOCK: usize = 16;
 const BLOCKS: usize = (TILE * TILE) as usize / BLOCK;
 /// Share of the picture's brightness that is added to a block's.
 const FLOOR: f64 = 0.05;
-/// Of the bounces that find no sky, one of so many is noted, for all of them.
+/// Of the bounces that find no sky one in this many is noted, for all of them.
 const IN_VAIN: u32 = 8;
+/// By the golden ratio of the numbers that there are, so that no length of paths keeps step with the noting.
+const STEP: u32 = 0x9e37_79b9;
 
 #[derive(Debug, Default)]
 struct Notes {
@@ -37,7 +39,7 @@ struct Notes {
     places_wanted: bool,
     /// The block of the path that is followed.
     block: usize,
-    /// Bounces that found no sky.
+    /// Decides which bounces that found no sky are noted.
     in_vain: u32,
     of_block: [Brightness; BLOCKS],
 }
@@ -100,8 +102,11 @@ pub(crate) fn learn<I: Intersector>(
         let scale = (1.0 / around.max(f64::MIN_POSITIVE)) as f32;
         LightRecord { light: record.light * scale, throughput: record.throughput * scale, ..record }
     };
-    let is_finite = |record: &LightRecord| record.light.is_finite() && record.throughput.is_finite();
-    let records: Vec<LightRecord> = records.into_iter().map(relative).filter(is_finite).collect();
+    let is_sound = |record: &LightRecord| {
+        let carried = record.bounces == 0 || record.throughput > 0.0;
+        carried && record.light.is_finite() && record.throughput.is_finite()
+    };
+    let records: Vec<LightRecord> = records.into_iter().map(relative).filter(is_sound).collect();
     let brightness = brightness as f32;
     let guide = SkyGuide::new(&records, &lights.looks());
     let frames_ms = begin.elapsed().as_secs_f64() * 1e3;
@@ -158,8 +163,8 @@ impl Notes {
         let (light, throughput) = (luminance(path.throughput * sky), luminance(path.throughput));
         let mut bounces = 1;
         if light == 0.0 {
-            self.in_vain += 1;
-            if !self.in_vain.is_multiple_of(IN_VAIN) {
+            self.in_vain = self.in_vain.wrapping_add(STEP);
+            if self.in_vain >= u32::MAX / IN_VAIN {
                 return;
             }
             bounces = IN_VAIN;
@@ -191,21 +196,30 @@ fn follow<I: Intersector>(
     let mut shadow = Shadow::BLANK;
     loop {
         let last_ray = frame.tracing.is_last_ray(&path);
-        let hit = intersector.closest(&ray);
-        if path.pdf > 0.0 && !last_ray {
-            let sky = || prepared.lights.environment_seen(ray.direction);
-            notes.bounce(&path, ray.direction, hit.map_or_else(sky, |_| Vec3::ZERO));
-        }
-        let Some(hit) = hit else {
+        let looks = path.pdf > 0.0 && !last_ray;
+        let Some(hit) = intersector.closest(&ray) else {
+            if looks {
+                notes.bounce(&path, ray.direction, prepared.lights.environment_seen(ray.direction));
+            }
             radiance += missed(prepared, &frame.tracing, &path, &ray);
             return radiance;
         };
         if notes.places_wanted && !last_ray {
             notes.places.extend(place(prepared, &ray, &hit));
         }
+        let (before, direction) = (path, ray.direction);
         let next =
             (kernel.vertex)(prepared, &frame.tracing, &mut path, &mut ray, &hit, &mut radiance, &mut shadow);
-        if next.shadow && !intersector.occluded(&shadow.ray) {
+        // Behind a sheet the bounce still looks for the sky.
+        let passed = next.goes_on && path.sheets > 0;
+        if looks && !passed {
+            notes.bounce(&before, direction, Vec3::ZERO);
+        }
+        if next.shadow {
+            if intersector.occluded(&shadow.ray) {
+                let through = || through_sheets(prepared, intersector, shadow.ray, &mut Counts::default());
+                shadow.light *= if kernel.needs.sheets { through() } else { Vec3::ZERO };
+            }
             radiance += shadow.light;
             notes.shadow(&shadow);
         }

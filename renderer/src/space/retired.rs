@@ -31,7 +31,13 @@ const FROM_FULL: &[Gone] = &[
     ("native_layout", &["auto"]),
 ];
 
-const FROM_LIGHT: &[Gone] = &[("first_shadow_rays", &["1"])];
+const FROM_LIGHT: &[Gone] = &[
+    ("first_shadow_rays", &["1"]),
+    ("shares", &["learnt"]),
+    // Constants are halves. The others were the recommended ones, which learnt shares left without effect.
+    ("sun_share", &["0.5", "0.6"]),
+    ("sky_share", &["0.5", "0.3"]),
+];
 
 fn gone_from(preset: Preset) -> &'static [Gone] {
     match preset {
