@@ -29,8 +29,8 @@ const RECORDS_MIN: usize = 32;
 const COMMON_SHARE: f64 = 0.1;
 /// Share of a bin's light that its eight neighbours get together.
 const SPREAD: f64 = 0.4;
-/// Least share of shadow rays of the sun, of lamps, and of a sky that is a map. Another sky that wants less has
-/// none.
+/// Least share of shadow rays of the sun, of lamps, and of a sky that is a map. Another sky that wants less
+/// has none.
 const SHARE_MIN: f32 = 0.06;
 /// What brings more, relative to the brightness around its pixel, counts as this for the shares: the rest is
 /// a few pixels' noise.
@@ -345,8 +345,8 @@ mod tests {
         LightRecord { position: Vec3::ZERO, direction: Vec3::Y, light, throughput: 1.0, bounces, kind }
     }
 
-    /// What a hundred bounces brought, some of which found the sky, and as many shadow rays that went to sun and
-    /// lamps in turn.
+    /// What a hundred bounces brought, some of which found the sky, and as many shadow rays that went to sun
+    /// and lamps in turn.
     fn of_hundred(sky: (usize, f32), sun: f32, lamp: (usize, f32)) -> Vec<LightRecord> {
         let every = |at: usize, (of, light): (usize, f32)| if at.is_multiple_of(of) { light } else { 0.0 };
         (0..100)

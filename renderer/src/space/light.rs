@@ -74,7 +74,7 @@ pub(super) fn parameters(premises: &Premises) -> Vec<Explained> {
             "sky",
             ["plain", "learnt"],
             if map { "plain" } else { "learnt" },
-            "how the sky is found: by bounces and the map's brightness, or also where it was seen in a few frames before, which then share out the shadow rays",
+            "how the sky is found: by bounces and its map, or also by a few frames before, which share out all shadow rays",
         ));
     }
     all.extend([
