@@ -11,7 +11,6 @@
 //! first page of the study was there, with its picture, and how long each page takes then.
 
 use std::collections::BTreeMap;
-use std::error::Error;
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -31,11 +30,12 @@ use treewright_core::value::Value;
 use treewright_server::clock::SystemClock;
 use treewright_server::convert::from_proto::{Report, Suggest};
 use treewright_server::convert::names::TrialName;
+use treewright_server::error::Error;
 use treewright_server::serve::{self, Options};
 use treewright_server::tuning::Tuning;
 use treewright_store::{SqliteStore, Store};
 
-type Done<T> = Result<T, Box<dyn Error + Send + Sync>>;
+type Done<T> = Result<T, Box<dyn std::error::Error + Send + Sync>>;
 
 const STUDY: &str = "growth";
 const SEEDED: u64 = 20_000;
@@ -167,7 +167,13 @@ async fn measure(path: &Path, states: u64) -> Done<()> {
     let begun = Instant::now();
     let store = Arc::new(SqliteStore::open(path).await?);
     let tuning = Tuning::new(Arc::clone(&store) as _, Arc::new(SystemClock::default()));
-    let first = frame(&tuning, 0, states, None).await?;
+    // The daemon's clients ask again while a study is loaded.
+    let first = loop {
+        match frame(&tuning, 0, states, None).await {
+            Err(error) if matches!(error.downcast_ref(), Some(Error::Loading(_))) => {}
+            answer => break answer?,
+        }
+    };
     let first_ms = begun.elapsed().as_secs_f64() * 1e3;
     tuning.abandon(&TrialName { study: STUDY.into(), number: first.number }).await?;
     tuning.save_checkpoints().await;
