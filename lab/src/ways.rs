@@ -39,11 +39,6 @@ pub const EACH_OF_FOLLOW: &[(&str, &[&str])] = &[
     ("repair_above", &["repair_above=1.02", "repair_above=1.3", "repair_above=2.0", "repair_above=4.0"]),
 ];
 
-/// What a way changes that was named by [`named_by_lever`].
-pub fn parameter_changed(name: &str) -> Option<&str> {
-    name.split_once(OF_LEVER).map(|(_, text)| text)
-}
-
 /// The name of a way that changes one parameter alone: `candidates: candidates=2`.
 pub fn named_by_lever(lever: &str, text: &str) -> String {
     format!("{lever}{OF_LEVER}{text}")

@@ -33,7 +33,6 @@ use serde::{Deserialize, Serialize};
 use treewright_lab::converge::bootstrap::{in_words, interval};
 use treewright_lab::ways::{
     COLUMNS, EACH_OF_FOLLOW, EACH_OF_LIGHT, Gains, WayTimes, Ways, WorldRow, geometric_mean, named_by_lever,
-    parameter_changed,
 };
 use treewright_lab::worlds::{WIDTH_MIN, World, WrittenWorld};
 use treewright_render_cli::arguments::read_configuration;
@@ -48,9 +47,6 @@ use treewright_renderer::tuning::who::Who;
 use treewright_scene::Scene;
 
 type Failure = Box<dyn std::error::Error>;
-
-/// The way that is recommended: the start of a search.
-const RECOMMENDED: &str = "recommended";
 
 /// Ways to follow that are compared by hand; other values are the recommended ones.
 const FOLLOW: [(&str, &str); 13] = [
@@ -153,21 +149,27 @@ struct Campaign {
     ways: Vec<(String, Choice)>,
 }
 
-/// Named ways, each a configuration; the first is the baseline of the others.
-fn ways(arguments: &Arguments, space: &TuningSpace) -> Result<Vec<(String, Choice)>, Failure> {
-    let recommended = space.default_choice();
+/// Named ways, each a configuration; the first is the baseline of the others. The recommended way and changes
+/// of it are those of a scene's `own` space. A parameter that it lacks changes nothing.
+fn ways(
+    arguments: &Arguments,
+    space: &TuningSpace,
+    own: &TuningSpace,
+) -> Result<Vec<(String, Choice)>, Failure> {
+    let recommended = own.default_choice();
     // The renderer's defaults: the recommended tree with light by constants, a quick tree for each frame.
     let plain = if arguments.lever == Lever::Light {
         Choice { light: Default::default(), ..recommended }
     } else {
         space.choice(&parse("tree=quick,period=1")?)?
     };
-    let mut all = vec![("untuned".to_owned(), plain), (RECOMMENDED.to_owned(), recommended)];
+    let mut all = vec![("untuned".to_owned(), plain), ("recommended".to_owned(), recommended)];
     if arguments.each {
         let levers = if arguments.lever == Lever::Light { EACH_OF_LIGHT } else { EACH_OF_FOLLOW };
         for (lever, texts) in levers {
             for text in *texts {
-                all.push((named_by_lever(lever, text), space.choice(&parse(text)?)?));
+                let changed = own.choice(&parse(text)?).unwrap_or(recommended);
+                all.push((named_by_lever(lever, text), changed));
             }
         }
         return Ok(all);
@@ -228,23 +230,7 @@ fn measured(
     };
     let view = view(scene);
     let named = |name: &String| Who::Named(name.clone().into());
-    let own = (arguments.lever == Lever::Light).then(|| {
-        TuningSpace::new(Preset::Light, &Premises { lights: LightKinds::of(scene), ..Premises::all() })
-    });
-    // The start of light sampling depends on the kinds of light that a scene has. Where it lacks a parameter,
-    // to change that changes nothing.
-    let of_scene = |own: &TuningSpace, name: &str| match (name, parameter_changed(name)) {
-        (RECOMMENDED, _) => Some(own.default_choice()),
-        (_, Some(text)) => {
-            let changed = parse(text).ok().and_then(|changed| own.choice(&changed).ok());
-            Some(changed.unwrap_or_else(|| own.default_choice()))
-        }
-        _ => None,
-    };
-    let contender = |(name, choice): &(String, Choice)| Contender {
-        who: named(name),
-        choice: own.as_ref().and_then(|own| of_scene(own, name)).unwrap_or(*choice),
-    };
+    let contender = |(name, choice): &(String, Choice)| Contender { who: named(name), choice: *choice };
     let contenders: Vec<Contender> = ways.iter().map(contender).collect();
     let (size, rounds) = (world.size, arguments.rounds);
     let conditions = Conditions { view, size, rounds, frames_per_build, yardstick };
@@ -331,14 +317,16 @@ fn compare(arguments: &Arguments) -> Result<(), Failure> {
     let preset = if arguments.lever == Lever::Light { Preset::Light } else { Preset::Follow };
     let space = TuningSpace::new(preset, &Premises::all());
     let &Arguments { lever, rounds, width, frames, .. } = arguments;
-    let campaign = Campaign { lever, rounds, width, frames, ways: ways(arguments, &space)? };
+    let campaign = Campaign { lever, rounds, width, frames, ways: ways(arguments, &space, &space)? };
     let mut rows = record::measured_before(arguments, &campaign, |row: &WorldRow| row.world.as_str())?;
     for written in &arguments.worlds {
         if rows.iter().any(|row| row.world == written.name()) {
             continue;
         }
         let world = written.load(frames, width)?;
-        let table = measured(&world, &campaign.ways, arguments)?;
+        let lights = LightKinds::of(&world.moments[0]);
+        let own = TuningSpace::new(preset, &Premises { lights, ..Premises::all() });
+        let table = measured(&world, &ways(arguments, &space, &own)?, arguments)?;
         println!("{}", world.name);
         for one in &table {
             let (build, render) = (one.build_ms.median, one.render_ms.median);

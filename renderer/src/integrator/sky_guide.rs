@@ -48,7 +48,7 @@ pub(super) struct LightRecord {
     /// Luminance that it brought to its path's pixel, relative to that around the pixel; 0 of a bounce that
     /// did not find the sky.
     pub(super) light: f32,
-    /// Luminance that a bounce's path carried, relative in the same way.
+    /// Luminance that a bounce's path carried, relative to that brightness as well.
     pub(super) throughput: f32,
     /// The number of bounces that it stands for; 0 of a shadow ray.
     pub(super) bounces: u32,
@@ -150,7 +150,7 @@ impl SkyGuide {
                 })
             })
             .collect();
-        // What sends all shadow rays to the same kind of light, or none, is better left to the constants.
+        // What sends all shadow rays to one kind of light, or none, is better left to the constants.
         let is_of_use = |[sky, sun, lamp]: &Shares| *sky > 0.0 || (looks.used && *sun > 0.0 && *lamp > 0.0);
         guide.shares.iter().any(is_of_use).then_some(guide)
     }
@@ -255,11 +255,7 @@ fn shares<'a>(records: impl IntoIterator<Item = &'a LightRecord>, looks: &Looks)
     let found = if seen > 0.0 { sky * sky / (carried * seen) } else { 0.0 };
     let root = |kind: Kind| {
         let drawn = f64::from(looks.shares[kind as usize]);
-        if looks.there[kind as usize] {
-            (drawn * squares[kind as usize] * f64::max(count, 1.0)).sqrt()
-        } else {
-            0.0
-        }
+        (drawn * squares[kind as usize] * f64::max(count, 1.0)).sqrt()
     };
     let roots = [sky, root(Kind::Sun), root(Kind::Lamp)];
     if !(looks.there[Kind::Sun as usize] || looks.there[Kind::Lamp as usize]) {
